@@ -1,0 +1,3 @@
+"""The cell: look, find, plan, fetch, report; and everything that keeps it running."""
+
+DISTRIBUTION = "mikado-cell"

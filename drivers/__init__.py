@@ -1,0 +1,3 @@
+"""One device each, behind the Protocols of `drivers.interfaces`."""
+
+DISTRIBUTION = "mikado-cell"

@@ -1,0 +1,1 @@
+"""Cameras: recorded pairs, and two cameras as one stereo rig."""

@@ -1,0 +1,1 @@
+"""PLCs: the register map, and Modbus TCP."""

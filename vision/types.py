@@ -1,0 +1,305 @@
+"""Records of the detector: what passes between its stages.
+
+Metres, radians, pixels ``(u, v)`` with u to the right and v down, pixel centres at whole
+coordinates. Frames: "left camera" is the raw (not rectified) left camera, x right, y down, z
+forward. Records that hold arrays compare by identity; their arrays are read-only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
+Bools: TypeAlias = npt.NDArray[np.bool_]
+Grey: TypeAlias = npt.NDArray[np.uint8]
+"""(H, W) uint8 grey picture."""
+Mask: TypeAlias = npt.NDArray[np.bool_]
+"""(H, W) bool, True = foreground."""
+Skeleton: TypeAlias = npt.NDArray[np.bool_]
+"""(H, W) bool, one pixel wide."""
+
+Method: TypeAlias = Literal["published", "default"]
+
+
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same array, closed for writing; used where a record is made."""
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Transform:
+    """A rigid motion, named ``a_from_b``: coordinates in b go in, coordinates in a come out.
+
+    ``rotation`` (3, 3), ``translation`` (3,) m.
+    """
+
+    rotation: Floats
+    translation: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraModel:
+    """Pinhole with OpenCV's distortion.
+
+    ``matrix`` (3, 3) px; ``distortion`` (k,) as k1, k2, p1, p2[, k3 ...].
+    """
+
+    matrix: Floats
+    distortion: Floats
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StereoModel:
+    """Two calibrated cameras; ``right_from_left`` in metres; ``rms_px`` NaN if unknown."""
+
+    left: CameraModel
+    right: CameraModel
+    right_from_left: Transform
+    rms_px: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plane:
+    """The table: ``normal @ x + offset_m`` is the height of x above it.
+
+    ``normal`` (3,) unit, pointing from the table towards the cameras, left camera frame.
+    """
+
+    normal: Floats
+    offset_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Graph:
+    """A skeleton as a graph, in columns.
+
+    ``points`` (N, 2) px; ``degree`` (N,) number of edge ends at a node (a loop counts twice);
+    ``component`` (N,) connected component; ``edges`` (M, 2) node indices (equal for a loop);
+    ``lengths_px`` (M,) length along the path; ``paths`` M arrays (K, 2) px from the first node of
+    the edge to the second, both node points included.
+    A node of degree 1 is an end point, of degree >= 3 a junction; degree 2 only closes loops,
+    degree 0 is a single pixel (or an isolated blob's skeleton).
+    """
+
+    points: Floats
+    degree: Ints
+    component: Ints
+    edges: Ints
+    lengths_px: Floats
+    paths: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Matches:
+    """Which node (or strand) of the left picture is which of the right one.
+
+    ``left``, ``right`` (P,) indices; ``cost_px`` (P,) what the pair costs in pixels of
+    disagreement; ``unmatched`` and ``ambiguous`` count left items.
+    """
+
+    left: Ints
+    right: Ints
+    cost_px: Floats
+    unmatched: int
+    ambiguous: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Segments3D:
+    """Straight pieces in space, left camera frame.
+
+    ``start``, ``end`` (S, 3) m; ``edge`` (S,) index of the left edge or strand each came from
+    (-1: none, e.g. a couple of nodes without an edge); ``residual_px`` (S,) disagreement of the
+    two views.
+    """
+
+    start: Floats
+    end: Floats
+    edge: Ints
+    residual_px: Floats
+
+
+class NodeKind(Enum):
+    """What a node of a part's own graph is."""
+
+    END = "end"
+    JUNCTION = "junction"
+    CORNER = "corner"
+    LOOP_CENTRE = "loop_centre"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Topology:
+    """The graph of a part with several segments, in the part's own frame.
+
+    ``points`` (N, 3) m; ``kinds`` N; ``edges`` (M, 2) node indices; ``axis`` the two nodes whose
+    line is the part's main axis.
+    """
+
+    points: Floats
+    kinds: tuple[NodeKind, ...]
+    edges: Ints
+    axis: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartModel:
+    """A product as the detector knows it. Without ``topology`` it is a straight stick."""
+
+    code: int
+    name: str
+    length_m: float
+    length_tolerance_m: float
+    diameter_m: float
+    topology: Topology | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuning:
+    """The gates of the stages. Lengths in pixels are at the picture's own scale.
+
+    Attributes
+    ----------
+    method
+        ``published`` is the method of the paper, ``default`` the project's own.
+    band
+        Grey values [min, max] that count as part; None: proposed from the histogram's shape.
+    spur_px
+        Branches of the skeleton shorter than this are removed with their end node.
+    depth_m
+        Distance from the left camera, [min, max]; None: from the table plane and ``height_m``.
+    height_m
+        Height above the table a point of a part may have, [min, max].
+    epipolar_px
+        How far two matching points may be apart across the epipolar line.
+    angle_rad
+        Published method: the optional threshold on the angle to the two referents. None: without.
+    max_tilt_rad
+        Steepest angle between a part's axis and the table (or picture plane) that may be picked.
+    min_score
+        Candidates below are refused, 0..1.
+    length_2d
+        Published method: measure length in 2-D, parallel to the table (section 3.3).
+    """
+
+    method: Method = "default"
+    band: tuple[int, int] | None = None
+    spur_px: float = 8.0
+    depth_m: tuple[float, float] | None = None
+    height_m: tuple[float, float] = (-0.005, 0.060)
+    epipolar_px: float = 2.0
+    angle_rad: float | None = None
+    max_tilt_rad: float = 0.7
+    min_score: float = 0.3
+    length_2d: bool = False
+
+
+class Refusal(Enum):
+    """Why a candidate is not offered. Values are what a person reads."""
+
+    LENGTH = "length does not fit the product"
+    DEPTH = "outside the depth range"
+    TILT = "too steep"
+    CROSSED = "another part lies over it"
+    LOW_SCORE = "score too low"
+    AMBIGUOUS = "several readings fit"
+    TOPOLOGY = "graph does not fit the product"
+    EDGE = "touches the border of the picture"
+    WIDTH = "width does not fit the product"
+    DUPLICATE = "shares its picture with a better one"
+    UNMATCHED = "seen by one camera only"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """One reason with its number: ``value`` against ``limit``, both in ``unit``.
+
+    Units are SI or ``px``, ``1`` for a plain number; people are shown millimetres and degrees.
+    """
+
+    reason: Refusal
+    value: float
+    limit: float
+    unit: Literal["m", "rad", "px", "1"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """A part found in both views, offered or refused.
+
+    ``start``, ``end``, ``centre`` (3,) m and ``axis`` (3,) unit from start to end, left camera
+    frame; ``nodes`` (K, 3) m in the order of the part's topology, for a stick its two ends.
+    ``refusals`` is empty for an offered one.
+    """
+
+    part_code: int
+    start: Floats
+    end: Floats
+    centre: Floats
+    axis: Floats
+    length_m: float
+    nodes: Floats
+    score: float
+    residual_px: float
+    refusals: tuple[Refused, ...] = ()
+
+    @property
+    def offered(self) -> bool:
+        """True when no stage refused it."""
+        return not self.refusals
+
+
+class PictureFlaw(Enum):
+    """What makes a picture unusable. Values are what a person reads."""
+
+    BLACK = "black"
+    SATURATED = "saturated"
+    FLAT = "without contrast"
+    UNCHANGING = "bit for bit the same as the one before"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unusable:
+    """One flaw with its number: share or grey value ``value`` against ``limit``."""
+
+    flaw: PictureFlaw
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What one picture gave: grey (rectified for the published method), mask, skeleton, graph."""
+
+    grey: Grey
+    mask: Mask
+    skeleton: Skeleton
+    graph: Graph
+    band: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Everything one look gave. ``candidates`` best first, refused ones after the offered ones."""
+
+    method: Method
+    candidates: tuple[Candidate, ...]
+    segments: Segments3D
+    left: View
+    right: View
+    matches: Matches
+    durations_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def offered(self) -> tuple[Candidate, ...]:
+        """Candidates nobody refused, best first."""
+        return tuple(c for c in self.candidates if c.offered)
