@@ -1,0 +1,20 @@
+"""Compiled functions: the one place where numba's untyped decorator meets typed code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function as machine code, compiled at its first call and kept on disk.
+
+    It runs without the interpreter lock, so other threads go on while it works. Arguments must be
+    plain numbers and contiguous arrays; the first call of a machine takes seconds (`warm_up`).
+    """
+    return cast("Callable[P, R]", numba.njit(nogil=True, cache=True)(function))
