@@ -45,7 +45,7 @@ class StereoRig(Device, Protocol):
     """Two cameras that look at one instant."""
 
     def grab_pair(self, *, newer_than: float, timeout_s: float) -> FramePair:
-        """Two frames exposed after ``newer_than``, within the rig's skew limit; else `DeviceTimeout` or `StaleData`."""
+        """Frames exposed after ``newer_than``, within the skew limit; or `DeviceTimeout`, `StaleData`."""
         ...
 
 

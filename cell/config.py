@@ -1,0 +1,251 @@
+"""The configuration: one YAML file, read once, checked whole before anything is opened.
+
+Metres, radians, seconds. No defaults for what differs between cells; relative paths are relative to
+the file they stand in.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+
+from cell import yamlfile
+from cell.errors import ConfigError
+from drivers.settings import (
+    CameraSettings,
+    GripperSettings,
+    PlcSettings,
+    ReplayCameraSettings,
+    RobotSettings,
+    Settings,
+    Six,
+)
+from vision.types import PartModel, Tuning
+
+Three = tuple[float, float, float]
+Grey = Annotated[int, Field(ge=0, le=255)]
+
+
+class CamerasConfig(Settings):
+    """The stereo rig."""
+
+    left: CameraSettings
+    right: CameraSettings
+    max_skew_s: PositiveFloat = Field(description="largest time between the two exposures of a pair")
+    mount: Literal["fixed", "tool"] = Field(description="fixed: stands beside the robot; tool: on the arm")
+    look_timeout_s: PositiveFloat = 2.0
+
+    @model_validator(mode="after")
+    def _same_size(self) -> Self:
+        left = (self.left.width_px, self.left.height_px)
+        right = (self.right.width_px, self.right.height_px)
+        if left != right:
+            raise ValueError(f"left is {left[0]}x{left[1]} px, right {right[0]}x{right[1]}: must be the same")
+        return self
+
+
+class JawsConfig(Settings):
+    """The two fingers, for clearance. Each is a box; the tool centre point lies between their tips.
+
+    ``opening_m`` between the open fingers, ``width_m`` along the part, ``thickness_m`` across it,
+    ``depth_m`` from the tips up to the gripper's body.
+    """
+
+    opening_m: PositiveFloat
+    width_m: PositiveFloat
+    thickness_m: PositiveFloat
+    depth_m: PositiveFloat
+    min_clearance_m: NonNegativeFloat = Field(description="free space a finger needs around it")
+    below_axis_m: PositiveFloat = Field(description="how far the tips reach below the part's axis")
+
+
+class WorkspaceConfig(Settings):
+    """Where the arm may grasp, robot base frame."""
+
+    box_min_m: Three
+    box_max_m: Three
+    floor_z_m: float = Field(description="height of the surface the parts lie on")
+    floor_clearance_m: NonNegativeFloat = Field(description="the finger tips stay this far above it")
+    approach_height_m: PositiveFloat = Field(description="height above the grasp where descent begins")
+    travel_z_m: float = Field(description="the tool travels at or above this height")
+    max_tilt_rad: PositiveFloat
+    watch_q_rad: Six = Field(description="joints out of the cameras' view; also home")
+    drop_q_rad: Six = Field(description="joints above the place where parts are released")
+
+    @model_validator(mode="after")
+    def _box(self) -> Self:
+        for axis, low, high in zip("xyz", self.box_min_m, self.box_max_m, strict=True):
+            if low >= high:
+                raise ValueError(f"box is empty along {axis}: min {low} is not below max {high}")
+        if self.travel_z_m < self.box_max_m[2]:
+            raise ValueError(f"travel_z_m {self.travel_z_m} lies inside the box (top {self.box_max_m[2]})")
+        return self
+
+
+class LineConfig(Settings):
+    """A straight motion of the tool."""
+
+    speed_m_s: PositiveFloat
+    accel_m_s2: PositiveFloat
+    timeout_s: PositiveFloat
+
+
+class JointConfig(Settings):
+    """A motion through joint space."""
+
+    speed_rad_s: PositiveFloat
+    accel_rad_s2: PositiveFloat
+    timeout_s: PositiveFloat
+
+
+class MotionConfig(Settings):
+    """Speeds: through joint space, along lines in free space, near parts."""
+
+    joints: JointConfig
+    travel: LineConfig
+    approach: LineConfig
+
+
+class PartConfig(Settings):
+    """One product. A straight stick is given by its length and diameter."""
+
+    code: PositiveInt = Field(le=65535, description="what the PLC writes as recipe")
+    name: str
+    length_m: PositiveFloat
+    length_tolerance_m: PositiveFloat
+    diameter_m: PositiveFloat
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        if self.length_m > 2.0:
+            raise ValueError(f"length_m {self.length_m} is over 2 m: lengths are in metres, not millimetres")
+        if self.diameter_m >= self.length_m:
+            raise ValueError(f"diameter_m {self.diameter_m} is not below length_m {self.length_m}")
+        if self.length_tolerance_m >= self.length_m / 2:
+            raise ValueError(f"length_tolerance_m {self.length_tolerance_m} is over half of length_m")
+        return self
+
+    def model(self) -> PartModel:
+        """The product as the detector knows it."""
+        return PartModel(
+            code=self.code,
+            name=self.name,
+            length_m=self.length_m,
+            length_tolerance_m=self.length_tolerance_m,
+            diameter_m=self.diameter_m,
+        )
+
+
+class TuningConfig(Settings):
+    """Gates of the detector; every key may be left out. See `vision.types.Tuning`."""
+
+    method: Literal["default", "published"] = "default"
+    band: tuple[Grey, Grey] | None = None
+    spur_px: PositiveFloat = 8.0
+    depth_m: tuple[PositiveFloat, PositiveFloat] | None = None
+    height_m: tuple[float, float] = (-0.005, 0.060)
+    epipolar_px: PositiveFloat = 2.0
+    angle_rad: PositiveFloat | None = None
+    max_tilt_rad: PositiveFloat = 0.7
+    min_score: Annotated[float, Field(ge=0, le=1)] = 0.3
+    length_2d: bool = False
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for key in ("band", "depth_m", "height_m"):
+            pair = getattr(self, key)
+            if pair is not None and pair[0] >= pair[1]:
+                raise ValueError(f"{key} is empty: min {pair[0]} is not below max {pair[1]}")
+        return self
+
+    def tuning(self) -> Tuning:
+        """The gates as the detector takes them."""
+        return Tuning(**self.model_dump())
+
+
+class FilesConfig(Settings):
+    """Files beside the configuration."""
+
+    calibration: Path = Field(description="written by the calibration tools, never by hand")
+    journal: Path = Field(description="SQLite; its folder must be writable and kept")
+    overlays: Path | None = Field(default=None, description="folder for one overlay picture per look")
+
+
+class CellConfig(Settings):
+    """The whole cell."""
+
+    version: Literal[1]
+    name: str
+    cameras: CamerasConfig
+    robot: RobotSettings
+    gripper: GripperSettings
+    jaws: JawsConfig
+    plc: PlcSettings
+    workspace: WorkspaceConfig
+    motion: MotionConfig
+    parts: tuple[PartConfig, ...] = Field(min_length=1)
+    tuning: TuningConfig = TuningConfig()
+    files: FilesConfig
+    allow_mixed: bool = Field(default=False, description="simulated and real devices in one cell")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        codes = [part.code for part in self.parts]
+        for code in codes:
+            if codes.count(code) > 1:
+                raise ValueError(f"parts: code {code} is given twice")
+        if self.cameras.mount == "tool":
+            raise ValueError("cameras.mount: tool is not supported yet; only fixed cameras are")
+        for part in self.parts:
+            if part.diameter_m >= self.jaws.opening_m:
+                raise ValueError(
+                    f"part {part.code} ({part.name}): diameter_m {part.diameter_m} does not fit "
+                    f"jaws.opening_m {self.jaws.opening_m}"
+                )
+        reach = 1.75  # no arm of this size class reaches further; catches millimetres
+        for corner in (self.workspace.box_min_m, self.workspace.box_max_m):
+            if max(abs(v) for v in corner) > reach:
+                raise ValueError(f"workspace: corner {corner} is out of any arm's reach; metres are expected")
+        return self
+
+    def part(self, code: int) -> PartConfig | None:
+        """The product of a code, None when there is none."""
+        return next((part for part in self.parts if part.code == code), None)
+
+
+def load(path: Path) -> CellConfig:
+    """Read and check a configuration; its relative paths come back absolute.
+
+    Raises
+    ------
+    ConfigError
+        With file, line and key.
+    """
+    config = yamlfile.load(path, CellConfig)
+    home = path.resolve().parent
+    files = config.files
+    resolved = files.model_copy(
+        update={
+            "calibration": home / files.calibration,
+            "journal": home / files.journal,
+            "overlays": None if files.overlays is None else home / files.overlays,
+        }
+    )
+    cameras = config.cameras.model_copy(
+        update={
+            eye: settings.model_copy(update={"folder": home / settings.folder})
+            for eye, settings in (("left", config.cameras.left), ("right", config.cameras.right))
+            if isinstance(settings, ReplayCameraSettings)
+        }
+    )
+    return config.model_copy(update={"files": resolved, "cameras": cameras})
+
+
+def load_part(path: Path) -> PartConfig:
+    """Read a product file: the keys of one entry of ``parts``. Raises `ConfigError`."""
+    return yamlfile.load(path, PartConfig)
+
+
+__all__ = ["CellConfig", "ConfigError", "PartConfig", "load", "load_part"]
