@@ -1,0 +1,87 @@
+"""Grey picture to mask without a number to set: brighter than the background around it.
+
+The background is what a square several part widths across cannot lift: a grey opening keeps tables,
+large blocks, light gradients and glare, and loses everything thin. A pixel is foreground when it
+stands out of that background by half of the strongest contrast next to it, so that dim and bright
+places are judged each by their own light, and by clearly more than the picture's noise and texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vision.types import Grey, Mask, read_only
+
+_BACKGROUND_WIDTHS = 5.0
+_NOISE_SIGMAS = 5.0
+_LEAST_CONTRAST_GREY = 10.0
+_HALF = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Foreground:
+    """``mask`` (H, W); ``contrast_grey`` what parts typically stand out by; ``floor_grey`` the least
+    contrast that counted; ``noise_grey`` standard deviation of the picture's texture and noise."""
+
+    mask: Mask
+    contrast_grey: float
+    floor_grey: float
+    noise_grey: float
+
+
+def stands_out(grey: Grey, width_px: float) -> Foreground:
+    """What is thin and brighter than the background around it.
+
+    Parameters
+    ----------
+    grey : (H, W) uint8
+    width_px : float
+        Projected width of the part; sets every window of this function.
+
+    Returns
+    -------
+    Foreground
+    """
+    side = _odd(_BACKGROUND_WIDTHS * width_px)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 0.7)
+    square = np.ones((side, side), np.uint8)
+    opened = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, square, borderType=cv2.BORDER_REPLICATE)
+    background = cv2.GaussianBlur(opened, (0, 0), 0.25 * side)
+    background = np.minimum(background, smooth)
+    contrast = np.asarray(cv2.subtract(smooth, background), dtype=np.uint8)
+    noise = _noise_grey(contrast)
+    floor = max(_LEAST_CONTRAST_GREY, _NOISE_SIGMAS * noise)
+    typical = _typical_contrast_grey(contrast, floor)
+    floor = max(floor, 0.25 * typical)
+    near = _odd(2.0 * width_px)
+    strongest = cv2.dilate(contrast, np.ones((near, near), np.uint8))
+    mask = (contrast > floor) & (contrast > _HALF * strongest.astype(np.float32))
+    return Foreground(mask=read_only(mask), contrast_grey=typical, floor_grey=floor, noise_grey=noise)
+
+
+def _odd(value: float) -> int:
+    return 2 * max(1, round(0.5 * value)) + 1
+
+
+def _typical_contrast_grey(contrast: Grey, floor_grey: float) -> float:
+    """Median of the contrasts above the floor, each pixel weighing its contrast squared.
+
+    Texture may cover more of the picture than parts do; it is the weaker of the two.
+    """
+    level = np.arange(256, dtype=np.float64)
+    weight = np.bincount(contrast.reshape(-1), minlength=256) * level**2 * (level > floor_grey)
+    total = float(weight.sum())
+    return float(np.searchsorted(np.cumsum(weight), 0.5 * total)) if total > 0 else 0.0
+
+
+def _noise_grey(contrast: Grey) -> float:
+    """Robust deviation of what is no part: distance of the 50th to the 75th hundredth, as of a normal law.
+
+    Parts would have to cover a quarter of the picture before they count as noise.
+    """
+    share = np.cumsum(np.bincount(contrast.reshape(-1), minlength=256)) / contrast.size
+    middle, upper = (float(np.searchsorted(share, q)) for q in (0.5, 0.75))
+    return max((upper - middle) / 0.6745, 0.5)
