@@ -241,3 +241,13 @@ def _units(path: Path, stated: Json, baseline: float) -> tuple[str, float]:
             f"{path}: baseline of {baseline * scale:.4g} m is outside {low} to {high} m; are the units right?"
         )
     return known, scale
+
+
+def widest_view_m(stereo: StereoModel, depth_m: float) -> float:
+    """Length in metres of the picture's diagonal at a distance, the smaller of the two cameras."""
+    views = []
+    for camera in (stereo.left, stereo.right):
+        width = camera.width_px / camera.matrix[0, 0] * depth_m
+        height = camera.height_px / camera.matrix[1, 1] * depth_m
+        views.append(math.hypot(width, height))
+    return min(views)

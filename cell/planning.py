@@ -1,0 +1,250 @@
+"""Candidates to grasps in the robot's base frame; why one is not taken, with its number.
+
+The tool goes straight down. Its jaws close across the part, along the tool's x axis; the tool centre
+point lies between the finger tips. A part is gripped as near to its middle as the jaws have room.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, Literal
+
+import numpy as np
+
+from cell import frames
+from cell.config import JawsConfig, WorkspaceConfig
+from cell.types import Pick
+from vision import transforms
+from vision.types import Candidate, Floats, Scene, Transform
+
+_STEP_M: Final = 0.002
+"""Grip positions are tried every 2 mm along the part, obstacles sampled as finely."""
+_OFF_CENTRE: Final = 0.25
+"""A grip may be this share of the length away from the middle."""
+_SAME_PART: Final = 2.5
+"""Another segment within this many diameters of the candidate's own axis is the candidate itself."""
+
+
+class PlanRefusal(Enum):
+    """Why a candidate the detector offers is not picked. Values are what a person reads."""
+
+    WORKSPACE = "outside the workspace"
+    TILT = "too steep for the gripper"
+    CLEARANCE = "no room for the jaws"
+    REACH = "the arm cannot reach it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRefused:
+    """One reason with its number, ``value`` against ``limit``."""
+
+    reason: PlanRefusal
+    value: float
+    limit: float
+    unit: Literal["m", "rad", "1"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """What planning made of one offered candidate: a pick, or why not."""
+
+    candidate: Candidate
+    pick: Pick | None
+    refused: tuple[PlanRefused, ...] = ()
+
+
+def plan_picks(
+    scene: Scene,
+    base_from_camera: Transform,
+    workspace: WorkspaceConfig,
+    jaws: JawsConfig,
+    diameter_m: float,
+    tool: Transform,
+) -> tuple[Plan, ...]:
+    """Plan every offered candidate, in the detector's order.
+
+    Parameters
+    ----------
+    scene
+        What was seen; all its segments are obstacles, offered or not.
+    base_from_camera
+        Raw left camera to robot base.
+    workspace, jaws
+        Where the fingers may go, and how big they are.
+    diameter_m
+        Of the parts: the thickness of every obstacle.
+    tool
+        ``base_from_tool`` now; of the two equal jaw directions the nearer one is taken.
+    """
+    obstacles = _obstacles(scene, base_from_camera)
+    plans = []
+    rank = 0
+    for candidate in scene.offered:
+        start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
+        plan = _plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, rank + 1)
+        rank += plan.pick is not None
+        plans.append(plan)
+    return tuple(plans)
+
+
+def _obstacles(scene: Scene, base_from_camera: Transform) -> Floats:
+    """(K, 2, 3) m end points of everything seen, base frame."""
+    pairs = (
+        [np.stack([scene.segments.start, scene.segments.end], axis=1)] if len(scene.segments.start) else []
+    )
+    pairs += [np.stack([c.start, c.end])[None] for c in scene.candidates]
+    if not pairs:
+        return np.zeros((0, 2, 3))
+    return transforms.apply(base_from_camera, np.concatenate(pairs))
+
+
+def _plan(
+    candidate: Candidate,
+    start: Floats,
+    end: Floats,
+    obstacles: Floats,
+    workspace: WorkspaceConfig,
+    jaws: JawsConfig,
+    diameter_m: float,
+    tool: Transform,
+    rank: int,
+) -> Plan:
+    length = float(np.linalg.norm(end - start))
+    axis = (end - start) / max(length, 1e-9)
+    tilt = math.asin(min(1.0, abs(float(axis[2]))))
+    if tilt > workspace.max_tilt_rad:
+        return Plan(
+            candidate=candidate,
+            pick=None,
+            refused=(
+                PlanRefused(reason=PlanRefusal.TILT, value=tilt, limit=workspace.max_tilt_rad, unit="rad"),
+            ),
+        )
+    yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
+    points = _sampled(_others(start, end, obstacles, diameter_m))
+    best: tuple[float, float, Floats] | None = None
+    outside = 0.0
+    for along in _offsets(length):
+        grip = (start + end) / 2 + along * axis
+        tips = grip - np.array([0.0, 0.0, jaws.below_axis_m])
+        tips[2] = max(tips[2], workspace.floor_z_m + workspace.floor_clearance_m)
+        beyond = _beyond_box(tips, yaw, workspace, jaws)
+        if beyond > 0:
+            outside = beyond if outside == 0 else min(outside, beyond)
+            continue
+        room = _clearance(tips, yaw, points, workspace, jaws) - diameter_m / 2
+        if best is None or room > best[0] + 1e-6:
+            best = (room, along, tips)
+        if room >= jaws.min_clearance_m:
+            return Plan(candidate=candidate, pick=_pick(rank, candidate, tips, yaw, room, workspace))
+    if best is None:
+        why = PlanRefused(reason=PlanRefusal.WORKSPACE, value=outside, limit=0.0, unit="m")
+    else:
+        why = PlanRefused(reason=PlanRefusal.CLEARANCE, value=best[0], limit=jaws.min_clearance_m, unit="m")
+    return Plan(candidate=candidate, pick=None, refused=(why,))
+
+
+def _pick(
+    rank: int, candidate: Candidate, tips: Floats, yaw: float, room: float, workspace: WorkspaceConfig
+) -> Pick:
+    grasp = frames.tool_down(tips, yaw)
+    return Pick(
+        rank=rank,
+        approach=frames.raised(grasp, grasp.z + workspace.approach_height_m),
+        grasp=grasp,
+        retreat=frames.raised(grasp, max(workspace.travel_z_m, grasp.z + workspace.approach_height_m)),
+        clearance_m=room,
+        score=candidate.score,
+        candidate=candidate,
+    )
+
+
+def _nearest_yaw(yaw_rad: float, tool: Transform) -> float:
+    """Of the two directions half a turn apart, the one nearer to the tool's x axis now."""
+    now = math.atan2(float(tool.rotation[1, 0]), float(tool.rotation[0, 0]))
+    turn = (yaw_rad - now + math.pi / 2) % math.pi - math.pi / 2
+    return now + turn
+
+
+def _offsets(length_m: float) -> list[float]:
+    """Grip positions along the part from its middle outwards, nearest first."""
+    steps = int(_OFF_CENTRE * length_m / _STEP_M)
+    return sorted((k * _STEP_M for k in range(-steps, steps + 1)), key=abs)
+
+
+def _others(start: Floats, end: Floats, obstacles: Floats, diameter_m: float) -> Floats:
+    """(K, 2, 3) the obstacles that are not the part itself."""
+    if not len(obstacles):
+        return obstacles
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    unit = axis / max(length, 1e-9)
+    offset = obstacles - start
+    along = np.clip(offset @ unit, -2 * diameter_m, length + 2 * diameter_m)
+    distance = np.linalg.norm(offset - along[..., None] * unit, axis=-1)
+    return np.asarray(obstacles[(distance > _SAME_PART * diameter_m).any(axis=1)], dtype=np.float64)
+
+
+def _sampled(obstacles: Floats) -> Floats:
+    """(P, 3) points every `_STEP_M` along the obstacles' axes."""
+    pieces = [np.zeros((0, 3))]
+    for first, last in obstacles:
+        count = max(2, math.ceil(float(np.linalg.norm(last - first)) / _STEP_M) + 1)
+        pieces.append(first + np.linspace(0.0, 1.0, count)[:, None] * (last - first))
+    return np.concatenate(pieces)
+
+
+def _fingers(jaws: JawsConfig) -> tuple[float, float]:
+    """Distance of a finger's centre plane from the tool axis, and half its thickness."""
+    return jaws.opening_m / 2 + jaws.thickness_m / 2, jaws.thickness_m / 2
+
+
+def _beyond_box(tips: Floats, yaw: float, workspace: WorkspaceConfig, jaws: JawsConfig) -> float:
+    """How far (m) the farthest finger corner lies outside the workspace box; <= 0 inside."""
+    reach = jaws.opening_m / 2 + jaws.thickness_m
+    c, s = math.cos(yaw), math.sin(yaw)
+    beyond = []
+    for x in (-reach, reach):
+        for y in (-jaws.width_m / 2, jaws.width_m / 2):
+            corner = tips + np.array([c * x + s * y, s * x - c * y, 0.0])
+            beyond.append(
+                max(
+                    np.max(np.array(workspace.box_min_m) - corner),
+                    np.max(corner - np.array(workspace.box_max_m)),
+                )
+            )
+    return float(max(beyond))
+
+
+def _clearance(
+    tips: Floats, yaw: float, points: Floats, workspace: WorkspaceConfig, jaws: JawsConfig
+) -> float:
+    """Distance (m) from the obstacle points to the nearer of fingers and palm on their whole way down."""
+    if not len(points):
+        return math.inf
+    c, s = math.cos(yaw), math.sin(yaw)
+    offset = points - tips
+    local = np.stack(
+        [c * offset[:, 0] + s * offset[:, 1], s * offset[:, 0] - c * offset[:, 1], offset[:, 2]], axis=1
+    )
+    middle, half = _fingers(jaws)
+    top = workspace.approach_height_m
+    boxes = [
+        (np.array([side * middle, 0.0, top / 2]), np.array([half, jaws.width_m / 2, top / 2]))
+        for side in (-1.0, 1.0)
+    ]
+    palm = (top + jaws.depth_m) / 2
+    boxes.append(
+        (np.array([0.0, 0.0, palm]), np.array([middle + half, jaws.width_m / 2, palm - jaws.depth_m]))
+    )
+    return min(float(_box_distance(local, centre, extent).min()) for centre, extent in boxes)
+
+
+def _box_distance(points: Floats, centre: Floats, extent: Floats) -> Floats:
+    """(P,) distance of points from a box, negative inside."""
+    q = np.abs(points - centre) - extent
+    outside = np.linalg.norm(np.maximum(q, 0.0), axis=1)
+    inside = np.minimum(q.max(axis=1), 0.0)
+    return np.asarray(outside + inside, dtype=np.float64)

@@ -1,0 +1,168 @@
+"""The PLC thread: exchange, step, pass on; every 50 ms, whatever else happens.
+
+The order of things that must survive a power cut: an order is journaled before the exchange that tells
+the PLC it was accepted, and before the cell thread gets it; a result is journaled (by the cell thread)
+before it is published here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from cell import handshake
+from cell.handshake import Memory, PlcEvent
+from cell.journal import Journal
+from cell.logs import logger
+from cell.loop import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
+from cell.states import Event
+from cell.workers import Beat, MailboxFull
+from drivers.errors import DriverError
+from drivers.interfaces import Plc
+from drivers.timing import StopRequested, StopToken
+from drivers.types import PlcInputs, PlcOutputs
+
+log = logger("plc")
+
+PERIOD_S: Final = 0.05
+_SLOWEST_RETRY_S: Final = 1.0
+_REMIND_S: Final = 30.0
+
+
+class PlcLink:
+    """Owns the `Plc`; runs the pure handshake step on every exchange."""
+
+    def __init__(
+        self,
+        plc: Plc,
+        memory: Memory,
+        channels: Channels,
+        journal: Journal,
+        stop: StopToken,
+        cell_stop: StopToken,
+        beat: Beat,
+    ) -> None:
+        self._plc = plc
+        self._memory = memory
+        self._channels = channels
+        self._journal = journal
+        self._stop = stop
+        self._cell_stop = cell_stop
+        self._running: StopToken | None = None
+        self._beat = beat
+        self._outputs = PlcOutputs()
+        self._down_since: float | None = None
+        self._said_at = 0.0
+        self._failures = 0
+        self._acknowledged = 0
+
+    def run(self) -> None:
+        """Until the token fires; then a last exchange with ready and busy off."""
+        clock = self._stop.clock
+        self._channels.inbox.put(Event.LINK_LOST)  # nobody has been heard yet
+        try:
+            while True:
+                began_at = clock.now()
+                self._beat()
+                self._turn(began_at)
+                spent_s = clock.now() - began_at
+                self._stop.wait(max(0.0, self._pause_s() - spent_s))
+        except StopRequested:
+            self._farewell()
+        finally:
+            self._plc.close()
+
+    def _pause_s(self) -> float:
+        """The period; longer and longer while nobody answers, so that a missing PLC costs nothing."""
+        return min(_SLOWEST_RETRY_S, PERIOD_S * 2.0 ** min(self._failures, 8))
+
+    def _turn(self, now: float) -> None:
+        inputs = self._exchange(now)
+        finished = self._channels.results.take(0.0)
+        step = handshake.step(self._memory, inputs, self._channels.report.get(), finished, now)
+        for event in step.events:
+            self._pass_on(event)
+        if step.order is not None:
+            self._journal.accept(step.order)
+            self._running = self._cell_stop.child()
+            self._channels.inbox.put(Ticket(order=step.order, stop=self._running))
+            log.info("order_accepted", request_id=step.order.request_id, command=step.order.command.name)
+        self._memory, self._outputs = step.memory, step.outputs
+        self._note_acknowledge(inputs)
+
+    def _exchange(self, now: float) -> PlcInputs | None:
+        try:
+            inputs = self._plc.exchange(self._outputs)
+        except DriverError as error:
+            self._failures += 1
+            if self._down_since is None:
+                self._down_since = now
+                self._said_at = now
+                log.warning("plc_unreachable", detail=str(error), action="keeps trying")
+            elif now - self._said_at >= _REMIND_S:
+                self._said_at = now
+                log.warning(
+                    "plc_still_unreachable", detail=str(error), since_s=round(now - self._down_since, 1)
+                )
+            return None
+        if self._down_since is not None:
+            log.info("plc_reached", after_s=round(now - self._down_since, 2))
+        self._down_since = None
+        self._failures = 0
+        return inputs
+
+    def _note_acknowledge(self, inputs: PlcInputs | None) -> None:
+        if inputs is None or inputs.result_ack_seq in (0, self._acknowledged):
+            return
+        if inputs.result_ack_seq == self._outputs.result_seq:
+            self._acknowledged = inputs.result_ack_seq
+            self._journal.acknowledge(self._acknowledged)
+            log.info("result_acknowledged", request_id=self._acknowledged)
+
+    def _pass_on(self, event: PlcEvent) -> None:
+        log.info("plc_event", plc_event=event.name)
+        match event:
+            case PlcEvent.LINK_LOST:
+                self._halt(LINK_LOST)
+                self._tell(Event.LINK_LOST)
+            case PlcEvent.LINK_UP:
+                self._tell(Event.LINK_UP)
+            case PlcEvent.ABORT:
+                self._halt(ABORTED_BY_PLC)
+                self._tell(Event.STOP)
+            case PlcEvent.HOLD:
+                self._tell(Event.HOLD)
+            case PlcEvent.UNHOLD:
+                self._tell(Event.UNHOLD)
+            case PlcEvent.RESET:
+                self._tell(Event.RESET)
+            case PlcEvent.ENABLED | PlcEvent.DISABLED | PlcEvent.BAD_ORDER:
+                pass
+
+    def _halt(self, reason: str) -> None:
+        """Reach into the order under way, or waiting; a running move halts the arm."""
+        if self._running is not None:
+            self._running.stop(reason)
+
+    def _tell(self, event: Event) -> None:
+        try:
+            self._channels.inbox.put(event)
+        except MailboxFull:
+            log.warning("event_dropped", cell_event=event.name)
+
+    def _farewell(self) -> None:
+        """The cell thread has ended: publish its last result, ready and busy off.
+
+        A result takes three exchanges (payload, number, valid), and one more sends the last of them.
+        """
+        inputs: PlcInputs | None = None
+        for _ in range(4):
+            now = self._stop.clock.now()
+            finished = self._channels.results.take(0.0)
+            step = handshake.step(self._memory, inputs, self._channels.report.get(), finished, now)
+            self._memory = step.memory
+            try:
+                inputs = self._plc.exchange(replace(step.outputs, ready=False, busy=False, moving=False))
+            except DriverError as error:
+                log.warning("last_exchange_failed", detail=str(error))
+                return

@@ -1,0 +1,104 @@
+"""Everything one pick needs, built once by `cell.wiring` and handed to the cell thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from cell.config import CamerasConfig, JawsConfig, MotionConfig, PartConfig, WorkspaceConfig
+from cell.pictures import PictureCheck
+from cell.planning import Plan
+from cell.types import PickOrder
+from drivers.interfaces import Gripper, Robot, StereoRig
+from drivers.timing import Clock
+from drivers.types import FramePair, JointMotion, LineMotion
+from vision.types import Plane, Scene, StereoModel, Transform, Tuning
+
+
+class Stage(Enum):
+    """Where a cycle is; `moving` ones have the arm in motion."""
+
+    CLEAR = "clear"
+    LOOK = "look"
+    FIND = "find"
+    PLAN = "plan"
+    FETCH = "fetch"
+    PLACE = "place"
+    HOME = "home"
+    GRIP = "grip"
+
+    @property
+    def moving(self) -> bool:
+        """True where the arm moves."""
+        return self in (Stage.CLEAR, Stage.FETCH, Stage.PLACE, Stage.HOME)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Look:
+    """One look: the pair, what was found, what planning made of it. Handed to whoever draws or records."""
+
+    order: PickOrder
+    part: PartConfig
+    pair: FramePair
+    scene: Scene
+    plans: tuple[Plan, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Station:
+    """Devices, geometry and limits of one cell.
+
+    ``base_from_camera``: raw left camera to robot base (fixed cameras). ``table`` in the left camera
+    frame. ``progress`` is told each stage as it begins; ``looked`` gets each finished look.
+    """
+
+    rig: StereoRig
+    robot: Robot
+    gripper: Gripper
+    stereo: StereoModel
+    base_from_camera: Transform
+    table: Plane
+    tuning: Tuning
+    parts: tuple[PartConfig, ...]
+    cameras: CamerasConfig
+    workspace: WorkspaceConfig
+    jaws: JawsConfig
+    motion: MotionConfig
+    clock: Clock
+    pictures: PictureCheck
+    progress: Callable[[Stage], None]
+    looked: Callable[[Look], None]
+
+    def part(self, code: int) -> PartConfig | None:
+        """The product of a code; 0 means the only one, where there is only one."""
+        if code == 0 and len(self.parts) == 1:
+            return self.parts[0]
+        return next((part for part in self.parts if part.code == code), None)
+
+    def joint_motion(self, speed_fraction: float) -> JointMotion:
+        """The configured motion through joint space, slowed by the order."""
+        m = self.motion.joints
+        return JointMotion(
+            speed_rad_s=m.speed_rad_s * speed_fraction,
+            accel_rad_s2=m.accel_rad_s2,
+            timeout_s=m.timeout_s / speed_fraction,
+        )
+
+    def travel(self, speed_fraction: float) -> LineMotion:
+        """Lines in free space."""
+        m = self.motion.travel
+        return LineMotion(
+            speed_m_s=m.speed_m_s * speed_fraction,
+            accel_m_s2=m.accel_m_s2,
+            timeout_s=m.timeout_s / speed_fraction,
+        )
+
+    def approach(self, speed_fraction: float) -> LineMotion:
+        """Lines near parts."""
+        m = self.motion.approach
+        return LineMotion(
+            speed_m_s=m.speed_m_s * speed_fraction,
+            accel_m_s2=m.accel_m_s2,
+            timeout_s=m.timeout_s / speed_fraction,
+        )

@@ -1,0 +1,101 @@
+"""Configuration to a ready cell: the only place that builds things."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cell import calibration
+from cell.calibration import Calibration
+from cell.config import CellConfig
+from cell.errors import CalibrationError, ConfigError
+from cell.pictures import PictureCheck
+from cell.station import Look, Stage, Station
+from drivers.factory import Factory
+from drivers.interfaces import Device, Plc
+from drivers.timing import Clock
+from vision.stereo import depth_range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Parts:
+    """A station with its devices in the order in which they are opened, and the PLC."""
+
+    station: Station
+    devices: tuple[Device, ...]
+    plc: Plc
+    calibration: Calibration
+
+
+def check(config: CellConfig, config_path: str) -> Calibration:
+    """Everything that can be known without a device; the calibration when all is well.
+
+    Raises
+    ------
+    CalibrationError, ConfigError
+        The calibration is missing or belongs to other cameras; a part does not fit the view.
+    """
+    known = calibration.load(config.files.calibration)
+    size = (config.cameras.left.width_px, config.cameras.left.height_px)
+    calibration.fit(known, *size, f"the cameras of {config_path}")
+    calibration.table_of(known, config.workspace.floor_z_m)
+    for part in config.parts:
+        refuse_too_long(config, known, part.length_m, part.name)
+    return known
+
+
+def refuse_too_long(config: CellConfig, known: Calibration, length_m: float, name: str) -> None:
+    """Raise `ConfigError` for a product that no picture of this cell can show whole."""
+    table = calibration.table_of(known, config.workspace.floor_z_m)
+    depth = config.tuning.depth_m or depth_range(known.stereo, table, config.tuning.height_m)
+    seen = calibration.widest_view_m(known.stereo, depth[1])
+    if length_m > seen:
+        raise ConfigError(
+            config.files.calibration,
+            None,
+            f"part {name}: length_m {length_m:.3f} is longer than the field of view "
+            f"({seen:.3f} m along the diagonal at {depth[1]:.3f} m); "
+            "use a wider lens, a greater distance, or correct length_m",
+        )
+
+
+def build(
+    config: CellConfig,
+    config_path: str,
+    clock: Clock,
+    cell_clock: Clock,
+    progress: Callable[[Stage], None],
+    looked: Callable[[Look], None],
+) -> Parts:
+    """Build the cell; opens nothing. ``cell_clock`` is the cell thread's, whose waits count as progress."""
+    known = check(config, config_path)
+    factory = Factory(cell_clock)
+    rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
+    robot = factory.robot(config.robot)
+    gripper = factory.gripper(config.gripper)
+    if known.base_from_camera is None:
+        raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
+    station = Station(
+        rig=rig,
+        robot=robot,
+        gripper=gripper,
+        stereo=known.stereo,
+        base_from_camera=known.base_from_camera,
+        table=calibration.table_of(known, config.workspace.floor_z_m),
+        tuning=config.tuning.tuning(),
+        parts=config.parts,
+        cameras=config.cameras,
+        workspace=config.workspace,
+        jaws=config.jaws,
+        motion=config.motion,
+        clock=cell_clock,
+        pictures=PictureCheck(),
+        progress=progress,
+        looked=looked,
+    )
+    return Parts(
+        station=station,
+        devices=(rig, robot, gripper),
+        plc=Factory(clock).plc(config.plc),
+        calibration=known,
+    )
