@@ -1,0 +1,50 @@
+"""The detector's front door: the method is a setting, everything else is the same."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from vision.published import Observer, locate_published
+from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
+
+
+def locate(
+    left_grey: Grey,
+    right_grey: Grey,
+    stereo_model: StereoModel,
+    part: PartModel,
+    tuning: Tuning,
+    table: Plane | None = None,
+    observe: Observer | None = None,
+) -> Scene:
+    """Find parts in a stereo pair with the method ``tuning.method`` names.
+
+    Parameters
+    ----------
+    left_grey, right_grey : (H, W) uint8
+        Raw pictures of the two calibrated cameras.
+    stereo_model, part, tuning
+        See their records.
+    table
+        The plane the parts lie on, left camera frame; needed when ``tuning.depth_m`` is not given.
+    observe
+        Gets every product with the name of its stage. Stage times are its business: this package
+        knows no clock, and leaves ``Scene.durations_s`` empty.
+
+    Returns
+    -------
+    Scene
+        Candidates best first, the refused ones after the offered ones, and every intermediate product.
+
+    Raises
+    ------
+    ValueError
+        Pictures of a wrong type or size, or neither a depth range nor a table.
+    """
+    match tuning.method:
+        case "published":
+            return locate_published(left_grey, right_grey, stereo_model, part, tuning, table, observe)
+        case "default":
+            raise NotImplementedError("only the published method is built in so far")
+        case _:
+            assert_never(tuning.method)
