@@ -1,15 +1,52 @@
 # Two commands matter: `make demo` and `make test`. Each sets up what it needs.
+SHELL  := /bin/bash
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
+SCENES ?= ../shared/data/scenes-dev
 
-.PHONY: help demo test check lint format bench docs lock clean
+.PHONY: help demo test check format bench lock clean
 
-help:            ## this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 14
+help:  ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
 
-$(BIN)/python:
-	@./bench/../setup-venv "$(PYTHON)" "$(VENV)"
+$(VENV)/.run: requirements/run.lock pyproject.toml requirements/venv
+	@requirements/venv "$(PYTHON)" "$(VENV)"
+	$(PIP) install --quiet --require-hashes -r requirements/run.lock
+	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
 
-demo: $(VENV)/.run   ## the main job on the simulated cell: 12 sticks picked on a PLC's orders
+$(VENV)/.dev: $(VENV)/.run requirements/dev.lock
+	$(PIP) install --quiet --require-hashes -r requirements/dev.lock
+	@touch $@
+
+demo: $(VENV)/.run  ## the main job on the simulated cell: a tray of 12 sticks is emptied on a PLC's orders
+	$(BIN)/mikado demo
+
+test: $(VENV)/.dev  ## all tests that need no hardware
+	$(BIN)/pytest -q
+
+check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/.dev  ## rewrite the code in the project's format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/.dev  ## the measured tables of the README (about two minutes)
+	$(BIN)/python -m bench.detector --scenes $(SCENES)
+
+# needs `uv` on the path; everybody else installs from the locks as they are
+lock:  ## make requirements/*.lock anew from pyproject.toml
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	  --no-emit-find-links --no-header pyproject.toml requirements/build.in -o requirements/run.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group dev \
+	  -c requirements/run.lock -o requirements/dev.lock
+
+clean:  ## remove what the commands above made
+	rm -rf $(VENV) demo-out look-out results build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

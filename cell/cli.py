@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from rich.console import Console
 
@@ -20,6 +20,8 @@ from cell.errors import CalibrationError, ConfigError, UsageError
 from cell.faults import PictureUnusable
 from drivers.errors import DriverError
 from vision.types import Tuning
+
+Number = TypeVar("Number", int, float)
 
 EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
@@ -59,7 +61,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if command == "evaluate":
         from cell.evaluate import evaluate
 
-        return evaluate(arguments.scenes, arguments.out, arguments.method, tuple(arguments.only))
+        evaluate(arguments.scenes, arguments.out, arguments.method, tuple(arguments.only))
+        return 0
     if command == "demo":
         from cell.demo import demo
 
@@ -117,7 +120,7 @@ def _look(arguments: argparse.Namespace) -> int:
     return look.look(sight, arguments.out, Console())
 
 
-def _pair(values: list[float] | None, name: str) -> tuple[float, float] | None:
+def _pair(values: list[Number] | None, name: str) -> tuple[Number, Number] | None:
     if values is None:
         return None
     if values[0] >= values[1]:
@@ -157,12 +160,18 @@ def _parser() -> argparse.ArgumentParser:
     look = commands.add_parser("look", help="one look without motion: overlay PNG and JSON")
     look.add_argument("--left", type=Path, metavar="PICTURE")
     look.add_argument("--right", type=Path, metavar="PICTURE")
-    look.add_argument("--calibration", type=Path, metavar="FILE", help="OpenCV YAML or JSON, or Mikado's JSON")
+    look.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="OpenCV YAML or JSON, or Mikado's JSON"
+    )
     look.add_argument("--product", type=Path, metavar="FILE", help="YAML: code, name, length_m, ...")
     look.add_argument("--config", type=Path, metavar="FILE", help="look through the configured cameras")
-    look.add_argument("--part", type=int, metavar="CODE", help="with --config: which part (default: the first)")
+    look.add_argument(
+        "--part", type=int, metavar="CODE", help="with --config: which part (default: the first)"
+    )
     look.add_argument("--method", choices=("default", "published"))
-    look.add_argument("--band", type=_grey_value, nargs=2, metavar=("MIN", "MAX"), help="grey values of parts")
+    look.add_argument(
+        "--band", type=_grey_value, nargs=2, metavar=("MIN", "MAX"), help="grey values of parts"
+    )
     look.add_argument(
         "--depth-m", type=_positive, nargs=2, metavar=("MIN", "MAX"), help="distance of the parts, metres"
     )

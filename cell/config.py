@@ -47,7 +47,7 @@ class CamerasConfig(Settings):
 
 
 class JawsConfig(Settings):
-    """The two fingers, for clearance. Each is a box; the tool centre point lies between their tips.
+    """The two fingers, for clearance. Each is a box; the tool centre point lies between them, near the tips.
 
     ``opening_m`` between the open fingers, ``width_m`` along the part, ``thickness_m`` across it,
     ``depth_m`` from the tips up to the gripper's body.
@@ -58,7 +58,12 @@ class JawsConfig(Settings):
     thickness_m: PositiveFloat
     depth_m: PositiveFloat
     min_clearance_m: NonNegativeFloat = Field(description="free space a finger needs around it")
-    below_axis_m: PositiveFloat = Field(description="how far the tips reach below the part's axis")
+    tip_beyond_tool_m: NonNegativeFloat = Field(
+        description="how far the tips reach beyond the tool centre point"
+    )
+    below_axis_m: NonNegativeFloat = Field(
+        description="the tool centre point goes this far below the part's axis"
+    )
 
 
 class WorkspaceConfig(Settings):

@@ -1,7 +1,8 @@
 """Candidates to grasps in the robot's base frame; why one is not taken, with its number.
 
 The tool goes straight down. Its jaws close across the part, along the tool's x axis; the tool centre
-point lies between the finger tips. A part is gripped as near to its middle as the jaws have room.
+point lies between the fingers, near their tips. A part is gripped as near to its middle as
+the jaws have room.
 """
 
 from __future__ import annotations
@@ -124,32 +125,34 @@ def _plan(
         )
     yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
     points = _sampled(_others(start, end, obstacles, diameter_m))
-    best: tuple[float, float, Floats] | None = None
+    best: float | None = None
     outside = 0.0
     for along in _offsets(length):
         grip = (start + end) / 2 + along * axis
-        tips = grip - np.array([0.0, 0.0, jaws.below_axis_m])
-        tips[2] = max(tips[2], workspace.floor_z_m + workspace.floor_clearance_m)
+        tool_point = grip - np.array([0.0, 0.0, jaws.below_axis_m])
+        lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
+        tool_point[2] = max(tool_point[2], lowest)
+        tips = tool_point - np.array([0.0, 0.0, jaws.tip_beyond_tool_m])
         beyond = _beyond_box(tips, yaw, workspace, jaws)
         if beyond > 0:
             outside = beyond if outside == 0 else min(outside, beyond)
             continue
         room = _clearance(tips, yaw, points, workspace, jaws) - diameter_m / 2
-        if best is None or room > best[0] + 1e-6:
-            best = (room, along, tips)
+        if best is None or room > best:
+            best = room
         if room >= jaws.min_clearance_m:
-            return Plan(candidate=candidate, pick=_pick(rank, candidate, tips, yaw, room, workspace))
+            return Plan(candidate=candidate, pick=_pick(rank, candidate, tool_point, yaw, room, workspace))
     if best is None:
         why = PlanRefused(reason=PlanRefusal.WORKSPACE, value=outside, limit=0.0, unit="m")
     else:
-        why = PlanRefused(reason=PlanRefusal.CLEARANCE, value=best[0], limit=jaws.min_clearance_m, unit="m")
+        why = PlanRefused(reason=PlanRefusal.CLEARANCE, value=best, limit=jaws.min_clearance_m, unit="m")
     return Plan(candidate=candidate, pick=None, refused=(why,))
 
 
 def _pick(
-    rank: int, candidate: Candidate, tips: Floats, yaw: float, room: float, workspace: WorkspaceConfig
+    rank: int, candidate: Candidate, tool_point: Floats, yaw: float, room: float, workspace: WorkspaceConfig
 ) -> Pick:
-    grasp = frames.tool_down(tips, yaw)
+    grasp = frames.tool_down(tool_point, yaw)
     return Pick(
         rank=rank,
         approach=frames.raised(grasp, grasp.z + workspace.approach_height_m),
