@@ -58,6 +58,19 @@ class Look:
         """Least steepness of a flank, grey per px."""
         return max(3.0, 0.06 * self.contrast_grey)
 
+    def raw_mask_at(self, raw_px: Floats) -> Bools:
+        """(N,) the mask at the nearest pixel of raw points (N, 2); outside the picture False."""
+        column = np.rint(raw_px[:, 0]).astype(np.int64)
+        row = np.rint(raw_px[:, 1]).astype(np.int64)
+        rows, columns = self.mask.shape
+        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+        found = self.mask[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        return np.asarray(inside & found, np.bool_)
+
+    def mask_at(self, points_px: Floats) -> Bools:
+        """(N,) the mask at rectified points (N, 2)."""
+        return self.raw_mask_at(unrectify_points(points_px, self.rect, self.side))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Strands:
@@ -123,20 +136,6 @@ def find_strands(look: Look, pieces: Pieces, grow_px: float) -> Strands:
         if refined is not None:
             rows.append(_describe(look, refined, grow_px))
     return _without_doubles(_columns([row for row in rows if row is not None]), look.width_px)
-
-
-def mask_at(look: Look, points_px: Floats) -> Bools:
-    """(N,) True where the raw mask is set at rectified points; outside the picture False."""
-    raw = unrectify_points(points_px, look.rect, look.side)
-    return _lookup(look.mask, raw)
-
-
-def _lookup(mask: Mask, raw_px: Floats) -> Bools:
-    column = np.rint(raw_px[:, 0]).astype(np.int64)
-    row = np.rint(raw_px[:, 1]).astype(np.int64)
-    rows, columns = mask.shape
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    return np.asarray(inside & mask[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], np.bool_)
 
 
 def _measure(look: Look, pieces: Pieces) -> list[_Run]:
@@ -253,7 +252,7 @@ def _covered(look: Look, start_px: Floats, end_px: Floats) -> bool:
     normal = np.array([-gap[1], gap[0]]) / length
     along = start_px + np.linspace(0.0, 1.0, int(np.ceil(length)) + 1)[:, None] * gap
     lanes = np.stack([along + s * look.width_px * normal for s in (-0.25, 0.0, 0.25)])
-    on = mask_at(look, lanes.reshape(-1, 2)).reshape(3, -1).mean(axis=1)
+    on = look.mask_at(lanes.reshape(-1, 2)).reshape(3, -1).mean(axis=1)
     return bool(on[1] >= GAP_COVER and on.min() >= 0.75)
 
 
@@ -293,7 +292,7 @@ def _evidence(look: Look, run: _Run, low: float, high: float, window_px: float) 
     scale = np.linalg.norm(aside, axis=1)
     half = 0.5 * run.width_px
     found = flanks(look.grey, raw, aside / scale[:, None], half, window_px)
-    on = _lookup(look.mask, raw)
+    on = look.raw_mask_at(raw)
     floor = look.slope_floor
     # at either end of the window the slope still rises outwards: that flank is somebody else's
     edge = window_px - 0.25
@@ -426,7 +425,7 @@ def _tip(look: Look, run: _Run, seen: _Evidence, inner: int, sign: int) -> tuple
         past = run.at(np.array([guess + sign * (place + 0.6 * width)]))[0]
         normal = np.array([-axis[1], axis[0]])
         ahead = np.stack([past + s * width * normal for s in (-0.3, -0.15, 0.0, 0.15, 0.3)])
-        clear = ~mask_at(look, ahead)
+        clear = ~look.mask_at(ahead)
         if close.sum() >= 4 and clear.sum() >= 4:
             return guess + sign * float(lanes[close, 0].mean()) / step, Tip.FREE, 0.0
         if close.sum() >= 2 and clear.sum() >= 2:

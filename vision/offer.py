@@ -1,0 +1,297 @@
+"""Matched strands to candidates: what fits the product and may be picked, each refusal with its number.
+
+A part is refused as crossed when another part lies over its middle third, where a gripper would hold
+it. Which of two is above is told by their depths where their pictures cross; a strand that only one
+camera sees has no depth, and there the flanks decide: what lies above shows both of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.lines import flanks
+from vision.match import Placed
+from vision.reconstruct_lines import from_space
+from vision.retrieve import fit_score, tilt_rad
+from vision.stereo import unrectify_points
+from vision.strands import Look, Strands, Tip
+from vision.types import (
+    Bools,
+    Candidate,
+    Floats,
+    PartModel,
+    Plane,
+    Refusal,
+    Refused,
+    Tuning,
+    read_only,
+)
+
+WIDTH_SHARE = (0.6, 1.6)
+"""Seen width over expected width; light that only grazes a part, or blur, changes it by a third."""
+LEAST_COVER = 0.85
+MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
+COMPLETED_CERTAINTY = (1.0, 0.8, 0.6)
+"""Factor on the score by the number of ends that only the known length tells."""
+NEAR_LENGTHS = 1.5
+"""Parts longer or shorter than this many times the product's length are somebody else's, not refused ones."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Crossings:
+    """What lies over each of P placed parts.
+
+    ``over`` (P, P) True where part j lies over part i anywhere; ``over_middle`` (P,) how many parts and
+    lone strands lie over the middle third of i; ``over_any`` (P,) how many lie over i anywhere;
+    ``share`` (P,) place along i, 0..1, of the one nearest to its middle (NaN for none).
+    """
+
+    over: Bools
+    over_middle: Floats
+    over_any: Floats
+    share: Floats
+
+
+def candidates(
+    placed: Placed,
+    left: Strands,
+    right: Strands,
+    looks: tuple[Look, Look],
+    part: PartModel,
+    tuning: Tuning,
+    table: Plane | None,
+) -> tuple[Candidate, ...]:
+    """Every placed part near the product's length: offered ones first, what nothing lies on before others.
+
+    Refused ones follow, best first.
+    """
+    crossings = _crossings(placed, left, looks[0])
+    doubles = _doubles(placed, part)
+    found: list[tuple[int, Candidate]] = []
+    for row in range(len(placed.cost)):
+        length_m = float(placed.length_m[row])
+        if not part.length_m / NEAR_LENGTHS < length_m < part.length_m * NEAR_LENGTHS:
+            continue
+        candidate = _candidate(row, placed, left, right, looks, part, tuning, table, crossings, doubles)
+        found.append((int(crossings.over_any[row]), candidate))
+    found.sort(key=lambda item: (not item[1].offered, item[0] if item[1].offered else 0, -item[1].score))
+    return tuple(candidate for _, candidate in found)
+
+
+def _candidate(
+    row: int,
+    placed: Placed,
+    left: Strands,
+    right: Strands,
+    looks: tuple[Look, Look],
+    part: PartModel,
+    tuning: Tuning,
+    table: Plane | None,
+    crossings: Crossings,
+    doubles: Floats,
+) -> Candidate:
+    start, end = placed.ends_m[row].copy()
+    way = end - start
+    length_m = float(np.linalg.norm(way))
+    axis = way / length_m
+    score = _score(row, placed, left, right, looks, part, tuning)
+    tilt = tilt_rad(axis, table)
+    reasons: list[Refused] = []
+    error = length_m - part.length_m
+    if abs(error) > part.length_tolerance_m:
+        limit = part.length_m + float(np.copysign(part.length_tolerance_m, error))
+        reasons.append(Refused(reason=Refusal.LENGTH, value=length_m, limit=limit, unit="m"))
+    reasons += _outside(np.stack([start, end]), part, tuning, table)
+    if tilt > tuning.max_tilt_rad:
+        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=tuning.max_tilt_rad, unit="rad"))
+    reasons += _wrong_width(row, placed, left, right, looks, part)
+    if crossings.over_middle[row] > 0:
+        reasons.append(
+            Refused(reason=Refusal.CROSSED, value=float(crossings.over_middle[row]), limit=0.0, unit="1")
+        )
+    if placed.slack_m[row] > part.length_tolerance_m:
+        reasons.append(
+            Refused(
+                reason=Refusal.AMBIGUOUS,
+                value=float(placed.slack_m[row]),
+                limit=part.length_tolerance_m,
+                unit="m",
+            )
+        )
+    i, j = int(placed.solved.left[row]), int(placed.solved.right[row])
+    borders = int((left.kind[i] == Tip.BORDER).sum() + (right.kind[j] == Tip.BORDER).sum())
+    if borders and not placed.completed[row].any():
+        reasons.append(Refused(reason=Refusal.EDGE, value=float(borders), limit=0.0, unit="1"))
+    if np.isfinite(doubles[row]):
+        reasons.append(
+            Refused(reason=Refusal.DUPLICATE, value=float(doubles[row]), limit=2 * part.diameter_m, unit="m")
+        )
+    if placed.cover[row] < LEAST_COVER:
+        reasons.append(
+            Refused(reason=Refusal.UNMATCHED, value=float(placed.cover[row]), limit=LEAST_COVER, unit="1")
+        )
+    if score < tuning.min_score:
+        reasons.append(Refused(reason=Refusal.LOW_SCORE, value=score, limit=tuning.min_score, unit="1"))
+    return Candidate(
+        part_code=part.code,
+        start=read_only(start),
+        end=read_only(end),
+        centre=read_only(0.5 * (start + end)),
+        axis=read_only(axis),
+        length_m=length_m,
+        nodes=read_only(np.stack([start, end])),
+        score=score,
+        residual_px=float(placed.solved.residual_px[row]),
+        refusals=tuple(reasons),
+    )
+
+
+def _score(
+    row: int,
+    placed: Placed,
+    left: Strands,
+    right: Strands,
+    looks: tuple[Look, Look],
+    part: PartModel,
+    tuning: Tuning,
+) -> float:
+    """Fit of size and views, times the root of what is seen of the part, times certainty of its ends."""
+    ends = from_space(placed.ends_m[row], looks[0].rect)
+    left_px = float(np.hypot(*(ends[1, :2] - ends[0, :2])))
+    right_px = float(np.hypot(ends[1, 0] - ends[1, 2] - ends[0, 0] + ends[0, 2], ends[1, 1] - ends[0, 1]))
+    i, j = int(placed.solved.left[row]), int(placed.solved.right[row])
+    shown = min(
+        left.length_px[i] * left.seen[i] / max(left_px, 1.0),
+        right.length_px[j] * right.seen[j] / max(right_px, 1.0),
+    )
+    error = (float(placed.length_m[row]) - part.length_m) / part.length_tolerance_m
+    fit = fit_score(error, float(placed.solved.residual_px[row]) / tuning.epipolar_px)
+    certainty = COMPLETED_CERTAINTY[int(placed.completed[row].sum())]
+    return float(np.clip(fit * np.sqrt(min(shown, 1.0)) * certainty, 0.0, 1.0))
+
+
+def _outside(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:
+    """Ends out of the depth range, or out of the height range where only a table is known."""
+    if tuning.depth_m is not None:
+        values, (low, high) = ends_m[:, 2], tuning.depth_m
+    elif table is not None:
+        values, (low, high) = ends_m @ table.normal + table.offset_m, tuning.height_m
+        low, high = low - part.diameter_m, high + part.diameter_m
+    else:
+        return []
+    if values.min() < low:
+        return [Refused(reason=Refusal.DEPTH, value=float(values.min()), limit=low, unit="m")]
+    if values.max() > high:
+        return [Refused(reason=Refusal.DEPTH, value=float(values.max()), limit=high, unit="m")]
+    return []
+
+
+def _wrong_width(
+    row: int, placed: Placed, left: Strands, right: Strands, looks: tuple[Look, Look], part: PartModel
+) -> list[Refused]:
+    rect = looks[0].rect
+    depth = float(np.mean(placed.ends_m[row] @ rect.rect_from_left.T[:, 2]))
+    expected = part.diameter_m * rect.focal_px / depth
+    i, j = int(placed.solved.left[row]), int(placed.solved.right[row])
+    seen = 0.5 * float(left.width_px[i] + right.width_px[j])
+    low, high = (share * expected for share in WIDTH_SHARE)
+    if low < seen < high:
+        return []
+    return [Refused(reason=Refusal.WIDTH, value=seen, limit=low if seen <= low else high, unit="px")]
+
+
+def _doubles(placed: Placed, part: PartModel) -> Floats:
+    """(P,) distance in m to a better part whose place it shares; NaN for none."""
+    found = np.full(len(placed.cost), np.nan)
+    order = np.argsort(placed.cost)
+    share = np.linspace(0.05, 0.95, 10)[:, None]
+    lines = [a + share * (b - a) for a, b in placed.ends_m]
+    for rank, row in enumerate(order.tolist()):
+        for better in order[:rank].tolist():
+            if np.isfinite(found[better]):
+                continue
+            start, end = placed.ends_m[better]
+            way = end - start
+            along = np.clip((lines[row] - start) @ way / (way @ way), 0.0, 1.0)
+            off = np.linalg.norm(lines[row] - start - along[:, None] * way, axis=1)
+            if float(np.median(off)) < 0.6 * part.diameter_m:
+                found[row] = float(np.median(off))
+    return found
+
+
+def _crossings(placed: Placed, left: Strands, look: Look) -> Crossings:
+    count = len(placed.cost)
+    over = np.zeros((count, count), np.bool_)
+    middle = np.zeros(count)
+    anywhere = np.zeros(count)
+    share = np.full(count, np.nan)
+    if count == 0:
+        return Crossings(over=over, over_middle=middle, over_any=anywhere, share=share)
+    ends = from_space(placed.ends_m, look.rect)
+    taken = set(placed.solved.left.tolist())
+    lone = [n for n in range(len(left)) if n not in taken]
+    for i in range(count):
+        margin = 0.5 * look.width_px / max(float(np.hypot(*(ends[i, 1, :2] - ends[i, 0, :2]))), 1.0)
+        for j in range(count):
+            if i == j:
+                continue
+            met = _meet(ends[i, :, :2], ends[j, :, :2])
+            if met is None:
+                continue
+            mine = ends[i, 0, 2] + met[0] * (ends[i, 1, 2] - ends[i, 0, 2])
+            other = ends[j, 0, 2] + met[1] * (ends[j, 1, 2] - ends[j, 0, 2])
+            if other > mine:
+                over[i, j] = True
+                _count(i, met[0], margin, middle, anywhere, share)
+        for n in lone:
+            met = _meet(ends[i, :, :2], left.tips[n])
+            if met is not None and _hides(look, ends[i, :, :2], left.tips[n], met):
+                _count(i, met[0], margin, middle, anywhere, share)
+    return Crossings(over=over, over_middle=middle, over_any=anywhere, share=share)
+
+
+def _count(i: int, place: float, margin: float, middle: Floats, anywhere: Floats, share: Floats) -> None:
+    anywhere[i] += 1
+    if MIDDLE[0] - margin < place < MIDDLE[1] + margin:
+        middle[i] += 1
+    if np.isnan(share[i]) or abs(place - 0.5) < abs(share[i] - 0.5):
+        share[i] = place
+
+
+def _meet(first: Floats, second: Floats) -> tuple[float, float] | None:
+    """Where two segments (2, 2) cross, as shares along each; None where they do not."""
+    a, b = first[1] - first[0], second[1] - second[0]
+    cross = float(a[0] * b[1] - a[1] * b[0])
+    if abs(cross) < 1e-9:
+        return None
+    gap = second[0] - first[0]
+    s = float(gap[0] * b[1] - gap[1] * b[0]) / cross
+    t = float(gap[0] * a[1] - gap[1] * a[0]) / cross
+    return (s, t) if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0 else None
+
+
+def _hides(look: Look, mine: Floats, other: Floats, met: tuple[float, float]) -> bool:
+    """True where the other's flanks go on through the crossing and mine do not."""
+    sine = abs(
+        float(np.cross(mine[1] - mine[0], other[1] - other[0]))
+        / float(np.linalg.norm(mine[1] - mine[0]) * np.linalg.norm(other[1] - other[0]))
+    )
+    reach_px = 0.5 * look.width_px / max(sine, 0.2)
+    shares = [_flank_share(look, line, place, reach_px) for line, place in ((mine, met[0]), (other, met[1]))]
+    return shares[1] >= shares[0]
+
+
+def _flank_share(look: Look, line: Floats, place: float, reach_px: float) -> float:
+    """Share of flanks seen along a line within a crossing."""
+    way = line[1] - line[0]
+    way = way / np.linalg.norm(way)
+    at = line[0] + place * (line[1] - line[0]) + np.arange(-reach_px, reach_px + 0.5)[:, None] * way
+    normal = np.array([-way[1], way[0]])
+    both = unrectify_points(np.concatenate([at, at + normal]), look.rect, look.side)
+    raw, aside = both[: len(at)], both[len(at) :] - both[: len(at)]
+    aside = aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    seen = flanks(look.grey, raw, aside, 0.5 * look.width_px, max(1.0, 0.2 * look.width_px))
+    floor = look.slope_floor
+    return float(0.5 * ((seen.low_slope > floor).mean() + (seen.high_slope > floor).mean()))
