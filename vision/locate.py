@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
+from vision.default import locate_default
 from vision.published import Observer, locate_published
 from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
 
@@ -45,6 +46,6 @@ def locate(
         case "published":
             return locate_published(left_grey, right_grey, stereo_model, part, tuning, table, observe)
         case "default":
-            raise NotImplementedError("only the published method is built in so far")
+            return locate_default(left_grey, right_grey, stereo_model, part, tuning, table, observe)
         case _:
             assert_never(tuning.method)
