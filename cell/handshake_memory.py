@@ -92,7 +92,7 @@ def outputs_of(memory: Memory, report: CellReport, now: float) -> PlcOutputs:
     ``cmd_seq`` 0 shows the last accepted order as answered, which is where a PLC that has lost its counter
     finds the number to go on from.
     """
-    publishing = memory.publication in (Publication.PAYLOAD, Publication.SEQUENCE)
+    publishing = memory.outstanding and memory.publication is not Publication.VALID
     age_s = _OLDEST_AGE_S if memory.read_at is None else min(max(0.0, now - memory.read_at), _OLDEST_AGE_S)
     outputs = PlcOutputs(
         map_version=MAP_VERSION,

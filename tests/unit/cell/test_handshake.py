@@ -324,12 +324,11 @@ def test_a_result_goes_out_as_payload_then_number_then_valid(busy: Dialogue) -> 
     assert (busy.out.result_code, busy.out.result_seq, busy.valid()) == (1, 0, False)
     busy.poll()
     assert (busy.out.result_code, busy.out.result_seq, busy.valid()) == (1, 5, False)
-    assert busy.out.busy
+    assert (busy.out.busy, busy.ready()) == (True, False)
     busy.report = READY
     busy.poll()
     assert (busy.out.result_code, busy.out.result_seq, busy.valid()) == (1, 5, True)
-    assert not busy.out.busy
-    assert not busy.ready()
+    assert (busy.out.busy, busy.ready()) == (False, False)
 
 
 def test_a_stage_of_a_result_that_was_not_sent_is_sent_again(busy: Dialogue) -> None:
