@@ -1,0 +1,337 @@
+"""The simulated cell in real time: one world, its clock, its two eyes, and who may move the arm.
+
+Every call first brings the world to the present instant, so an answer, and a picture, is never older than the
+moment it was asked for. Safe to call from many threads.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.sim.arm import MotionEnd, Refused
+from drivers.sim.geometry import tool_pose
+from drivers.sim.layout import WorldLayout
+from drivers.sim.optics import Eye
+from drivers.sim.render import Lighting, Renderer
+from drivers.sim.world import Snapshot, World
+from drivers.timing import Clock
+from drivers.types import Grip, JointAngles, Pixels, RobotState, SafetyMode, ToolPose
+
+LEASE_S = 0.3
+"""A motion goes on only while its client asks after it at least this often (real time)."""
+EXPOSURE_KEPT_S = 0.5
+"""The second eye may still develop an exposure this old."""
+LONGEST_JUMP_S = 0.25
+"""After the process was frozen, simulated time goes on from where it was."""
+EYES = ("left", "right")
+PINS = 16
+
+
+class CameraFault:
+    """Names of what can be wrong with an eye."""
+
+    NONE = "none"
+    FREEZE = "freeze"
+    BLACK = "black"
+    SATURATE = "saturate"
+    SLOW = "slow"
+    SILENT = "silent"
+
+
+@dataclass(slots=True, eq=False)
+class _EyeState:
+    renderer: Renderer
+    lock: threading.Lock
+    fault: str = CameraFault.NONE
+    slow_s: float = 0.0
+    last: Pixels | None = None
+    sequence: int = 0
+    developed: int = 0  # number of the newest exposure this eye has developed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Exposure:
+    number: int
+    snapshot: Snapshot
+    captured_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shot:
+    """One developed picture."""
+
+    pixels: Pixels
+    captured_at: float
+    sequence: int
+
+
+class Silent(Exception):
+    """This eye does not answer in time."""
+
+
+class Controller:
+    """The world in real time.
+
+    Parameters
+    ----------
+    world, clock
+        What is run, and by which clock.
+    speed
+        Simulated seconds per real second.
+    eyes
+        Left and right.
+    """
+
+    def __init__(self, world: World, clock: Clock, speed: float, eyes: tuple[Eye, Eye], seed: int) -> None:
+        self._world = world
+        self._clock = clock
+        self._speed = speed
+        self._lock = threading.RLock()
+        self._since = clock.now()
+        self._layout: WorldLayout = world.layout
+        self._lighting = Lighting(world.layout)
+        self._lighting_lock = threading.Lock()
+        self._eyes = {
+            name: _EyeState(renderer=Renderer(eye, world.layout, seed), lock=threading.Lock())
+            for name, eye in zip(EYES, eyes, strict=True)
+        }
+        self._exposure: _Exposure | None = None
+        self._holder: int | None = None
+        self._asked_at = clock.now()
+        self._robot_frozen = False
+        self._frozen_state: RobotState | None = None
+        self._outputs = [False] * PINS
+        self._inputs = [False] * PINS
+        self._changed = threading.Event()
+        self.lease_halts = 0
+
+    def advance(self) -> None:
+        """Bring the world to now; halt a motion nobody asks after."""
+        with self._lock:
+            now = self._clock.now()
+            passed, self._since = now - self._since, now
+            if self._world.arm.moving and now - self._asked_at > LEASE_S:
+                self._world.arm.halt()
+                self.lease_halts += 1
+                self._asked_at = now
+            self._world.step(min(passed, LONGEST_JUMP_S) * self._speed)
+
+    # ------------------------------------------------------------------ eyes
+
+    def grab(self, eye: str, newer_than: float, timeout_s: float) -> Shot:
+        """A picture exposed after ``newer_than``; `Silent` when that cannot be had in ``timeout_s``."""
+        deadline = self._clock.now() + timeout_s
+        state = self._eyes[eye]
+        never = threading.Event()
+        while self._clock.now() <= newer_than:
+            if newer_than >= deadline:
+                raise Silent(f"no picture after {newer_than:.3f} within {timeout_s:.3f} s")
+            self._clock.wait(never, newer_than - self._clock.now() + 0.001)
+        with state.lock:
+            if state.fault == CameraFault.SILENT:
+                self._clock.wait(never, deadline - self._clock.now())
+                raise Silent("the eye is silent")
+            exposure = self._expose(state, newer_than)
+            if state.fault == CameraFault.SLOW:
+                self._clock.wait(never, state.slow_s)
+            pixels = self._develop(state, exposure)
+            state.sequence += 1
+            return Shot(pixels=pixels, captured_at=exposure.captured_at, sequence=state.sequence)
+
+    def _expose(self, state: _EyeState, newer_than: float) -> _Exposure:
+        """Both eyes open at one instant: the second one to ask gets the instant of the first."""
+        with self._lock:
+            self.advance()
+            now = self._since
+            last = self._exposure
+            if (
+                last is None
+                or last.number <= state.developed
+                or last.captured_at <= newer_than
+                or now - last.captured_at > EXPOSURE_KEPT_S
+            ):
+                number = 1 if last is None else last.number + 1
+                last = _Exposure(number=number, snapshot=self._world.snapshot(), captured_at=now)
+                self._exposure = last
+            state.developed = last.number
+            return last
+
+    def _develop(self, state: _EyeState, exposure: _Exposure) -> Pixels:
+        if state.fault == CameraFault.FREEZE and state.last is not None:
+            return state.last
+        with self._lighting_lock:
+            light = self._lighting.of(exposure.snapshot)
+        pixels = state.renderer.picture(exposure.snapshot, light)
+        if state.fault == CameraFault.BLACK:
+            pixels = (pixels // 64).astype(np.uint8)
+        elif state.fault == CameraFault.SATURATE:
+            pixels = np.minimum(pixels.astype(np.uint16) * 2 + 190, 255).astype(np.uint8)
+        state.last = pixels
+        return pixels
+
+    def set_camera_fault(self, eye: str, fault: str, slow_s: float = 0.0) -> None:
+        """What is wrong with an eye from now on."""
+        with self._lock:
+            self._eyes[eye].fault, self._eyes[eye].slow_s = fault, slow_s
+
+    # ------------------------------------------------------------------ arm
+
+    def take_control(self, client: int) -> None:
+        """Only one client moves the arm; `Refused` while another one has it."""
+        with self._lock:
+            if self._holder not in (None, client):
+                raise Refused("another client controls the arm")
+            self._holder = client
+
+    def drop_control(self, client: int) -> None:
+        """The client is gone: whatever moves for it halts."""
+        with self._lock:
+            if self._holder == client:
+                self.advance()
+                self._world.arm.halt()
+                self._holder = None
+
+    def _own(self, client: int) -> None:
+        self.take_control(client)
+        self.advance()
+        if self._robot_frozen:
+            raise Refused("the controller does not react")
+        self._asked_at = self._clock.now()
+
+    def move_line(self, client: int, target: ToolPose, speed_m_s: float, accel_m_s2: float) -> None:
+        """Start; `Refused` if it cannot be done."""
+        with self._lock:
+            self._own(client)
+            self._world.arm.start_line(target, speed_m_s, accel_m_s2)
+            self._begin_clock()
+
+    def move_joints(self, client: int, target: JointAngles, speed_rad_s: float, accel_rad_s2: float) -> None:
+        """Start; `Refused` if it cannot be done."""
+        with self._lock:
+            self._own(client)
+            self._world.arm.start_joints(target, speed_rad_s, accel_rad_s2)
+            self._begin_clock()
+
+    def _begin_clock(self) -> None:
+        # solving a line takes a moment of real time that the arm must not make up for
+        self._since = self._asked_at = self._clock.now()
+
+    def poll(self, client: int) -> tuple[MotionEnd, RobotState]:
+        """How the motion stands; keeps it alive if the client has control."""
+        with self._lock:
+            if self._holder == client:
+                self._asked_at = self._clock.now()
+            return self._world.arm.motion_state, self.robot_state()
+
+    def halt(self) -> None:
+        """Come to rest; anybody may ask for that."""
+        with self._lock:
+            self.advance()
+            self._world.arm.halt()
+
+    def recover(self) -> None:
+        """Clear a protective or safeguard stop; `Refused` while the emergency stop is pressed."""
+        with self._lock:
+            self.advance()
+            if self._world.arm.safety is SafetyMode.EMERGENCY_STOP:
+                raise Refused("the emergency stop is pressed; release it at the cell")
+            self._world.arm.safety = SafetyMode.NORMAL
+
+    def reachable(self, target: ToolPose) -> bool:
+        """Whether some posture brings the tool there."""
+        with self._lock:
+            return self._world.arm.reachable(target)
+
+    def robot_state(self) -> RobotState:
+        """What the arm says of itself; the same again and again while it is frozen."""
+        with self._lock:
+            self.advance()
+            arm = self._world.arm
+            state = RobotState(
+                safety=arm.safety,
+                powered=arm.safety is not SafetyMode.EMERGENCY_STOP,
+                program_running=arm.safety in (SafetyMode.NORMAL, SafetyMode.REDUCED),
+                tool=tool_pose(arm.base_from_tool()),
+                joints=JointAngles(q_rad=arm.joints()),
+                moving=arm.moving,
+                speed_fraction=1.0,
+                controller_time_s=self._world.time_s,
+                read_at=self._since,
+            )
+            if self._robot_frozen:
+                if self._frozen_state is None:
+                    self._frozen_state = state
+                return self._frozen_state
+            return state
+
+    def stop_for_safety(self, mode: SafetyMode) -> None:
+        """Something outside stops the arm; NORMAL releases it."""
+        with self._lock:
+            self.advance()
+            self._world.arm.stop_for_safety(mode)
+
+    def freeze_robot(self, frozen: bool) -> None:
+        """The controller goes on answering, but with old news."""
+        with self._lock:
+            if frozen:
+                self.robot_state()
+                self._world.arm.halt()
+            self._frozen_state = None
+            self._robot_frozen = frozen
+
+    def set_output(self, pin: int, on: bool) -> None:
+        """A digital output; `Refused` for a pin there is not."""
+        self._pin(pin)
+        self._outputs[pin] = on
+
+    def read_input(self, pin: int) -> bool:
+        """A digital input; `Refused` for a pin there is not."""
+        self._pin(pin)
+        return self._inputs[pin]
+
+    def set_input(self, pin: int, on: bool) -> None:
+        """What is wired to an input, from outside."""
+        self._pin(pin)
+        self._inputs[pin] = on
+
+    def _pin(self, pin: int) -> None:
+        if not 0 <= pin < PINS:
+            raise Refused(f"there is no pin {pin}")
+
+    # ------------------------------------------------------------------ jaws and parts
+
+    def begin_jaws(self, close: bool) -> None:
+        """Start closing or opening."""
+        with self._lock:
+            self.advance()
+            if close:
+                self._world.begin_grasp()
+            else:
+                self._world.begin_release()
+
+    def grip(self) -> Grip:
+        """What the jaws hold now."""
+        with self._lock:
+            self.advance()
+            return self._world.grip
+
+    def spoil_next(self, *, drop: bool = False, miss: bool = False) -> None:
+        """The next grasp slips on the way, or closes beside the part."""
+        with self._lock:
+            self._world.drop_next = self._world.drop_next or drop
+            self._world.miss_next = self._world.miss_next or miss
+
+    def add_sticks(self, count: int) -> None:
+        """Throw more sticks into the tray."""
+        with self._lock:
+            self.advance()
+            self._world.add_sticks(count)
+
+    def peek(self) -> tuple[World, Snapshot]:
+        """The world at this instant; for reading."""
+        with self._lock:
+            self.advance()
+            return self._world, self._world.snapshot()
