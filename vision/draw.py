@@ -161,6 +161,8 @@ def refusal_text(refused: Refused) -> str:
     """
     if refused.reason in WITHOUT_NUMBER:
         return SHORT[refused.reason]
+    if refused.reason is Refusal.CROSSED and refused.unit == "1":
+        return f"{SHORT[refused.reason]} by {refused.value:.0f}"
     scale, unit, digits = {
         "m": (1e3, " mm", 1),
         "rad": (float(np.degrees(1.0)), " deg", 0),
