@@ -15,12 +15,13 @@ import numpy as np
 from vision import binarize, corners, graph, match_paper, reconstruct, retrieve, thin
 from vision.foreground import stands_out
 from vision.lines import straight_pieces
+from vision.look import Look
 from vision.match import match
 from vision.offer import candidates
 from vision.published import ARM_PX, Observer, depth_gate_m, require_pictures
 from vision.reconstruct_lines import Level, level_of_depths, level_of_table
 from vision.stereo import Rectification, Side, rectification, rectify_points
-from vision.strands import Look, Strands, find_strands
+from vision.strands import Strands, find_strands
 from vision.types import (
     CameraModel,
     Candidate,
@@ -44,7 +45,9 @@ TRIM_WIDTHS = 0.6
 PIECE_WIDTHS = 1.0
 """Chord deviation of a corner, what is cut off at junctions, and the shortest piece, in part widths."""
 GROW_LENGTHS = 0.6
-"""How far a part is followed beyond its pieces, in part lengths."""
+LONGEST_LENGTHS = 1.1
+"""How far a part is followed beyond its pieces, and up to which length, in part lengths: a tenth more
+than at the table because parts may lie nearer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +184,7 @@ def _strands(look: Look, traced: Graph, scale: _Scale) -> Strands:
         trim_px=TRIM_WIDTHS * width + 1.0,
         least_px=max(3.0, PIECE_WIDTHS * width),
     )
-    return find_strands(look, pieces, GROW_LENGTHS * scale.length_px)
+    return find_strands(look, pieces, GROW_LENGTHS * scale.length_px, LONGEST_LENGTHS * scale.length_px)
 
 
 def _scale(

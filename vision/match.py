@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vision.look import Look
 from vision.reconstruct_lines import DETERMINED_PX, Level, Solved, from_space, solve
 from vision.stereo import Rectification, project
-from vision.strands import Look, Strands
+from vision.strands import Strands
 from vision.types import Bools, Floats, Ints, Matches, PartModel, read_only
 
 UNMATCHED_COST = 60.0

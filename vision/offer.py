@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.lines import flanks
+from vision.look import Look
 from vision.match import Placed
 from vision.reconstruct_lines import from_space
 from vision.retrieve import fit_score, tilt_rad
-from vision.stereo import unrectify_points
-from vision.strands import Look, Strands, Tip
+from vision.stereo import project, unrectify_points
+from vision.strands import Strands, Tip
 from vision.types import (
     Bools,
     Candidate,
@@ -33,6 +34,11 @@ WIDTH_SHARE = (0.6, 1.6)
 """Seen width over expected width; light that only grazes a part, or blur, changes it by a third."""
 LEAST_COVER = 0.85
 MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
+MIDDLE_SAMPLES = 48
+HIDDEN_WIDTHS = 1.4
+"""A longer stretch of the middle third without both flanks means that something lies there, known or not;
+a crossing below the part leaves its flanks visible."""
+DOUBTFUL_WIDTHS = 0.8
 COMPLETED_CERTAINTY = (1.0, 0.8, 0.6)
 """Factor on the score by the number of ends that only the known length tells."""
 NEAR_LENGTHS = 1.5
@@ -74,8 +80,11 @@ def candidates(
         length_m = float(placed.length_m[row])
         if not part.length_m / NEAR_LENGTHS < length_m < part.length_m * NEAR_LENGTHS:
             continue
-        candidate = _candidate(row, placed, left, right, looks, part, tuning, table, crossings, doubles)
-        found.append((int(crossings.over_any[row]), candidate))
+        hidden = _hidden_widths(placed.ends_m[row], looks)
+        candidate = _candidate(
+            row, placed, left, right, looks, part, tuning, table, crossings, doubles, hidden
+        )
+        found.append((int(crossings.over_any[row]) + int(hidden > DOUBTFUL_WIDTHS), candidate))
     found.sort(key=lambda item: (not item[1].offered, item[0] if item[1].offered else 0, -item[1].score))
     return tuple(candidate for _, candidate in found)
 
@@ -91,6 +100,7 @@ def _candidate(
     table: Plane | None,
     crossings: Crossings,
     doubles: Floats,
+    hidden_widths: float,
 ) -> Candidate:
     start, end = placed.ends_m[row].copy()
     way = end - start
@@ -111,6 +121,8 @@ def _candidate(
         reasons.append(
             Refused(reason=Refusal.CROSSED, value=float(crossings.over_middle[row]), limit=0.0, unit="1")
         )
+    elif hidden_widths > HIDDEN_WIDTHS:
+        reasons.append(Refused(reason=Refusal.CROSSED, value=hidden_widths, limit=HIDDEN_WIDTHS, unit="1"))
     if placed.slack_m[row] > part.length_tolerance_m:
         reasons.append(
             Refused(
@@ -233,7 +245,6 @@ def _crossings(placed: Placed, left: Strands, look: Look) -> Crossings:
     taken = set(placed.solved.left.tolist())
     lone = [n for n in range(len(left)) if n not in taken]
     for i in range(count):
-        margin = 0.5 * look.width_px / max(float(np.hypot(*(ends[i, 1, :2] - ends[i, 0, :2]))), 1.0)
         for j in range(count):
             if i == j:
                 continue
@@ -244,17 +255,17 @@ def _crossings(placed: Placed, left: Strands, look: Look) -> Crossings:
             other = ends[j, 0, 2] + met[1] * (ends[j, 1, 2] - ends[j, 0, 2])
             if other > mine:
                 over[i, j] = True
-                _count(i, met[0], margin, middle, anywhere, share)
+                _count(i, met[0], middle, anywhere, share)
         for n in lone:
             met = _meet(ends[i, :, :2], left.tips[n])
             if met is not None and _hides(look, ends[i, :, :2], left.tips[n], met):
-                _count(i, met[0], margin, middle, anywhere, share)
+                _count(i, met[0], middle, anywhere, share)
     return Crossings(over=over, over_middle=middle, over_any=anywhere, share=share)
 
 
-def _count(i: int, place: float, margin: float, middle: Floats, anywhere: Floats, share: Floats) -> None:
+def _count(i: int, place: float, middle: Floats, anywhere: Floats, share: Floats) -> None:
     anywhere[i] += 1
-    if MIDDLE[0] - margin < place < MIDDLE[1] + margin:
+    if MIDDLE[0] < place < MIDDLE[1]:
         middle[i] += 1
     if np.isnan(share[i]) or abs(place - 0.5) < abs(share[i] - 0.5):
         share[i] = place
@@ -284,14 +295,37 @@ def _hides(look: Look, mine: Floats, other: Floats, met: tuple[float, float]) ->
 
 
 def _flank_share(look: Look, line: Floats, place: float, reach_px: float) -> float:
-    """Share of flanks seen along a line within a crossing."""
+    """Share of flanks seen along a rectified line within a crossing."""
     way = line[1] - line[0]
     way = way / np.linalg.norm(way)
     at = line[0] + place * (line[1] - line[0]) + np.arange(-reach_px, reach_px + 0.5)[:, None] * way
-    normal = np.array([-way[1], way[0]])
-    both = unrectify_points(np.concatenate([at, at + normal]), look.rect, look.side)
-    raw, aside = both[: len(at)], both[len(at) :] - both[: len(at)]
-    aside = aside / np.linalg.norm(aside, axis=1, keepdims=True)
-    seen = flanks(look.grey, raw, aside, 0.5 * look.width_px, max(1.0, 0.2 * look.width_px))
-    floor = look.slope_floor
-    return float(0.5 * ((seen.low_slope > floor).mean() + (seen.high_slope > floor).mean()))
+    low, high = _flanks_seen(look, unrectify_points(at, look.rect, look.side))
+    return float(0.5 * (low.mean() + high.mean()))
+
+
+def _hidden_widths(ends_m: Floats, looks: tuple[Look, Look]) -> float:
+    """Longest stretch of the middle third without both flanks, in part widths, in the better picture."""
+    share = np.linspace(MIDDLE[0], MIDDLE[1], MIDDLE_SAMPLES)[:, None]
+    points = ends_m[0] + share * (ends_m[1] - ends_m[0])
+    longest = []
+    for look, raw in zip(looks, project(points, looks[0].rect.stereo), strict=True):
+        low, high = _flanks_seen(look, raw)
+        step_px = float(np.hypot(*(raw[-1] - raw[0]))) / (MIDDLE_SAMPLES - 1)
+        run = most = 0
+        for seen in (low & high).tolist():
+            run = 0 if seen else run + 1
+            most = max(most, run)
+        longest.append(most * step_px / look.width_px)
+    return min(longest)
+
+
+def _flanks_seen(look: Look, raw_px: Floats) -> tuple[Bools, Bools]:
+    """Whether either flank of a part is where it should be, along raw points in order."""
+    along = np.gradient(raw_px, axis=0)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    half, window = 0.5 * look.width_px, max(1.2, 0.25 * look.width_px)
+    seen = flanks(look.grey, raw_px, normal, half, window)
+    low = (seen.low_slope > look.slope_floor) & (np.abs(seen.low_px + half) < window - 0.25)
+    high = (seen.high_slope > look.slope_floor) & (np.abs(seen.high_px - half) < window - 0.25)
+    return low, high

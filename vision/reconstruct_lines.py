@@ -19,8 +19,10 @@ from vision.types import Floats, Ints, Plane, read_only
 
 ROW_SIGMA_PX = 0.15
 """What calibration and lens leave between the rows of the two pictures."""
-TILT_SHARE = 0.3
-"""Parts whose ends differ in height by more than this share of their length are rare."""
+TILT_SHARES = (0.3, 0.06)
+"""Parts whose ends differ in height by more than the first share of their length are rare; the second is
+what is usual, and is believed where the pictures say next to nothing."""
+UNKNOWN_DISPARITY_PX = 1.5
 DETERMINED_PX = 2.0
 """An end whose place along the axis is known better than this counts as seen."""
 
@@ -156,9 +158,14 @@ def solve(
         rows[:, at + 4, u : u + 2] = -level.slope / belief
         rows[:, at + 4, u + 2] = 1.0 / belief
         value[:, at + 4] = level.offset / belief
-    tilt = max(TILT_SHARE * length_m * abs(level.px_per_m), 0.5)
-    rows[:, 10] = belief * (rows[:, 9] - rows[:, 4]) / tilt
+    wide, usual = (max(share * length_m * abs(level.px_per_m), 0.5) for share in TILT_SHARES)
+    difference = belief * (rows[:, 9] - rows[:, 4])
+    rows[:, 10] = difference / wide
     matrix = np.einsum("pri,prj->pij", rows, rows)
+    if count:
+        spread = np.linalg.inv(matrix)[:, (2, 5), (2, 5)].max(axis=1)
+        rows[:, 10] = difference / np.where(spread > UNKNOWN_DISPARITY_PX**2, usual, wide)[:, None]
+        matrix = np.einsum("pri,prj->pij", rows, rows)
 
     found = np.zeros((count, 6))
     moved = value

@@ -1,11 +1,8 @@
-"""Pieces of skeleton joined through crossings into whole straight parts, with their tips.
+"""Whole straight parts in one picture, with their tips.
 
-Two piece ends are linked when each lies on the other's continuation, to within what the line fits can
-tell, and the picture shows foreground all along the gap. Links are made best first, one per end. The
-line of the whole is then fitted again to both flanks wherever either is seen, followed outwards as
-long as the picture supports it, and its two tips are located where five lanes fall to background.
-
-Everything here is in rectified pixels; the picture is read through the rectification point by point.
+The pieces of a part are joined (`links`), its line is fitted again to both flanks wherever either is
+seen, followed outwards as long as the picture supports it, and its two tips are located where five
+lanes fall to background. Everything here is in rectified pixels.
 """
 
 from __future__ import annotations
@@ -15,16 +12,12 @@ from enum import IntEnum
 
 import numpy as np
 
-from vision.lines import Line, Picture, Pieces, end_fall, fit_line, flanks
-from vision.stereo import Rectification, Side, rectify_points, unrectify_points
-from vision.types import Bools, Floats, Ints, Mask, read_only
+from vision.lines import Line, Pieces, end_fall
+from vision.links import SHADOW_WIDTHS, join, link, measure
+from vision.look import Evidence, Look, Run, evidence, refine
+from vision.stereo import unrectify_points
+from vision.types import Bools, Floats, Ints, read_only
 
-LINK_CHI2 = 16.0
-"""Two pieces may miss each other's continuation by four deviations in all."""
-OFFSET_FLOOR_PX = 0.3
-ANGLE_FLOOR_RAD = 0.007
-"""Lines are never better than this: parts and lenses are not perfectly straight."""
-GAP_COVER = 0.95
 FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.4, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
 
@@ -36,40 +29,6 @@ class Tip(IntEnum):
     HALF = 1
     HIDDEN = 2
     BORDER = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Look:
-    """One picture and what is needed to read it.
-
-    ``grey`` (H, W) float32 raw; ``mask`` (H, W) raw; ``width_px`` expected width of a part;
-    ``contrast_grey`` what parts stand out by.
-    """
-
-    grey: Picture
-    mask: Mask
-    rect: Rectification
-    side: Side
-    width_px: float
-    contrast_grey: float
-
-    @property
-    def slope_floor(self) -> float:
-        """Least steepness of a flank, grey per px."""
-        return max(3.0, 0.06 * self.contrast_grey)
-
-    def raw_mask_at(self, raw_px: Floats) -> Bools:
-        """(N,) the mask at the nearest pixel of raw points (N, 2); outside the picture False."""
-        column = np.rint(raw_px[:, 0]).astype(np.int64)
-        row = np.rint(raw_px[:, 1]).astype(np.int64)
-        rows, columns = self.mask.shape
-        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        found = self.mask[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-        return np.asarray(inside & found, np.bool_)
-
-    def mask_at(self, points_px: Floats) -> Bools:
-        """(N,) the mask at rectified points (N, 2)."""
-        return self.raw_mask_at(unrectify_points(points_px, self.rect, self.side))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,22 +61,7 @@ class Strands:
         return np.asarray(np.linalg.norm(self.tips[:, 1] - self.tips[:, 0], axis=1), np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Run:
-    """A line with the interval of it that is known to be part, measured from its origin."""
-
-    line: Line
-    low: float
-    high: float
-    width_px: float
-    points: Floats
-    weights: Floats
-
-    def at(self, along: Floats) -> Floats:
-        return self.line.origin + along[:, None] * self.line.direction
-
-
-def find_strands(look: Look, pieces: Pieces, grow_px: float) -> Strands:
+def find_strands(look: Look, pieces: Pieces, grow_px: float, longest_px: float) -> Strands:
     """Whole straight parts of one picture.
 
     Parameters
@@ -126,212 +70,18 @@ def find_strands(look: Look, pieces: Pieces, grow_px: float) -> Strands:
     pieces : Pieces
         Raw pixels.
     grow_px : float
-        How far a part is followed beyond its outermost piece.
+        How far a part is followed beyond its outermost piece,
+    longest_px : float
+        as long as it is not longer than this.
     """
-    runs = _measure(look, pieces)
-    joined = [_join(runs, group) for group in _link(look, runs)]
+    runs = measure(look, pieces)
+    joined = [join(runs, group) for group in link(look, runs)]
     rows = []
     for run in joined:
-        refined = _refine(look, run)
+        refined = refine(look, run)
         if refined is not None:
-            rows.append(_describe(look, refined, grow_px))
+            rows.append(_describe(look, refined, grow_px, longest_px))
     return _without_doubles(_columns([row for row in rows if row is not None]), look.width_px)
-
-
-def _measure(look: Look, pieces: Pieces) -> list[_Run]:
-    """Sub-pixel lines of the pieces; pieces without two flanks at a plausible width are dropped."""
-    if len(pieces.start) == 0:
-        return []
-    chord = pieces.end - pieces.start
-    length = np.linalg.norm(chord, axis=1)
-    counts = np.maximum(np.ceil(length).astype(np.int64), 3)
-    owner = np.repeat(np.arange(len(counts)), counts)
-    share = np.concatenate([np.linspace(0.0, 1.0, n) for n in counts])
-    along = chord / length[:, None]
-    at = pieces.start[owner] + share[:, None] * chord[owner]
-    normal = np.stack([-along[owner, 1], along[owner, 0]], axis=1)
-    half = 0.5 * look.width_px
-    found = flanks(look.grey, at, normal, half, max(1.5, 0.45 * look.width_px))
-    width = found.high_px - found.low_px
-    good = np.minimum(found.low_slope, found.high_slope) > look.slope_floor
-    good &= (width > 0.55 * look.width_px) & (width < 1.5 * look.width_px)
-    centre = at + (0.5 * (found.low_px + found.high_px))[:, None] * normal
-    rectified = rectify_points(centre, look.rect, look.side)
-    runs = []
-    for number in range(len(counts)):
-        mine = (owner == number) & good
-        if mine.sum() < max(3, 0.3 * counts[number]):
-            continue
-        points = rectified[mine]
-        weights = np.ones(len(points))
-        line = fit_line(points, weights)
-        if line is None or line.scale_px > max(0.8, 0.2 * look.width_px):
-            continue
-        t = (points - line.origin) @ line.direction
-        runs.append(
-            _Run(
-                line=line,
-                low=float(t.min()),
-                high=float(t.max()),
-                width_px=float(np.median(width[mine])),
-                points=points,
-                weights=weights,
-            )
-        )
-    return runs
-
-
-def _link(look: Look, runs: list[_Run]) -> list[list[int]]:
-    """Groups of runs that are one part, by links between their ends, best first."""
-    count = len(runs)
-    if count == 0:
-        return []
-    direction = np.array([run.line.direction for run in runs])
-    outward = np.concatenate([-direction, direction])
-    tip = np.concatenate([[run.at(np.array([t]))[0] for run, t in _both(runs, side)] for side in (0, 1)])
-    length = np.tile(np.array([run.high - run.low for run in runs]), 2)
-    offset = np.tile(np.array([run.line.sigma_px for run in runs]), 2)
-    slope = np.tile(np.array([run.line.sigma_rad for run in runs]), 2)
-    owner = np.tile(np.arange(count), 2)
-    gap = tip[None, :, :] - tip[:, None, :]
-    ahead = np.einsum("ijk,ik->ij", gap, outward)
-    back = np.einsum("ijk,jk->ij", -gap, outward)
-    cosine = outward @ outward.T
-    angle = np.arccos(np.clip(-cosine, -1.0, 1.0))
-    normal = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
-    # half way: what the extrapolations of both lines differ by
-    miss = np.einsum("ijk,ik->ij", gap, normal) - 0.5 * ahead * np.sin(_turn(outward, -outward))
-    lever = 0.5 * length + 0.5 * np.abs(ahead)
-    spread = OFFSET_FLOOR_PX**2 + offset[:, None] ** 2 + offset[None, :] ** 2
-    spread = spread + (lever * slope[:, None]) ** 2 + (lever * slope[None, :]) ** 2
-    turn = ANGLE_FLOOR_RAD**2 + slope[:, None] ** 2 + slope[None, :] ** 2
-    chi2 = miss**2 / spread + angle**2 / turn
-    least = -1.5 * look.width_px
-    possible = (owner[:, None] < owner[None, :]) & (ahead > least) & (back > least) & (angle < 0.25)
-    possible &= chi2 < LINK_CHI2
-    possible &= np.abs(miss) < 0.5 * look.width_px
-    firsts, seconds = np.nonzero(possible)
-    order = np.argsort(chi2[firsts, seconds] + 0.02 * np.maximum(ahead[firsts, seconds], 0.0))
-    taken = np.zeros(2 * count, np.bool_)
-    group = list(range(count))
-    for a, b in zip(firsts[order].tolist(), seconds[order].tolist(), strict=True):
-        if taken[a] or taken[b] or _find(group, owner[a]) == _find(group, owner[b]):
-            continue
-        if ahead[a, b] > 0 and not _covered(look, tip[a], tip[b]):
-            continue
-        taken[a] = taken[b] = True
-        group[_find(group, owner[a])] = _find(group, owner[b])
-    members: dict[int, list[int]] = {}
-    for number in range(count):
-        members.setdefault(_find(group, number), []).append(number)
-    return list(members.values())
-
-
-def _both(runs: list[_Run], side: int) -> list[tuple[_Run, float]]:
-    return [(run, run.low if side == 0 else run.high) for run in runs]
-
-
-def _turn(first: Floats, second: Floats) -> Floats:
-    """(N, M) signed angle from first (N, 2) to second (M, 2)."""
-    sine = first[:, None, 0] * second[None, :, 1] - first[:, None, 1] * second[None, :, 0]
-    return np.asarray(np.arctan2(sine, first @ second.T), np.float64)
-
-
-def _find(group: list[int], item: int) -> int:
-    while group[item] != item:
-        item = group[item]
-    return item
-
-
-def _covered(look: Look, start_px: Floats, end_px: Floats) -> bool:
-    """Foreground all along a gap, on its axis and a quarter width to both sides."""
-    gap = end_px - start_px
-    length = float(np.hypot(*gap))
-    if length < 1.0:
-        return True
-    normal = np.array([-gap[1], gap[0]]) / length
-    along = start_px + np.linspace(0.0, 1.0, int(np.ceil(length)) + 1)[:, None] * gap
-    lanes = np.stack([along + s * look.width_px * normal for s in (-0.25, 0.0, 0.25)])
-    on = look.mask_at(lanes.reshape(-1, 2)).reshape(3, -1).mean(axis=1)
-    return bool(on[1] >= GAP_COVER and on.min() >= 0.75)
-
-
-def _join(runs: list[_Run], group: list[int]) -> _Run:
-    if len(group) == 1:
-        return runs[group[0]]
-    longest = max((runs[n] for n in group), key=lambda run: run.high - run.low)
-    points = np.concatenate([runs[n].points for n in group])
-    points = points[np.argsort(points @ longest.line.direction)]
-    weights = np.ones(len(points))
-    line = fit_line(points, weights) or longest.line
-    t = (points - line.origin) @ line.direction
-    width = float(np.average([runs[n].width_px for n in group], weights=[len(runs[n].points) for n in group]))
-    return _Run(
-        line=line, low=float(t.min()), high=float(t.max()), width_px=width, points=points, weights=weights
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Evidence:
-    """What the picture shows along a line: ``along`` (N,) px from its origin; ``low``, ``high`` (N,)
-    offsets of the flanks in rectified px; ``has_low``, ``has_high``, ``on`` (N,) bool."""
-
-    along: Floats
-    low: Floats
-    high: Floats
-    has_low: Bools
-    has_high: Bools
-    on: Bools
-
-
-def _evidence(look: Look, run: _Run, low: float, high: float, window_px: float) -> _Evidence:
-    along = np.arange(low, high + 0.5, 1.0)
-    at = run.at(along)
-    both = unrectify_points(np.concatenate([at, at + run.line.normal]), look.rect, look.side)
-    raw, aside = both[: len(at)], both[len(at) :] - both[: len(at)]
-    scale = np.linalg.norm(aside, axis=1)
-    half = 0.5 * run.width_px
-    found = flanks(look.grey, raw, aside / scale[:, None], half, window_px)
-    on = look.raw_mask_at(raw)
-    floor = look.slope_floor
-    # at either end of the window the slope still rises outwards: that flank is somebody else's
-    edge = window_px - 0.25
-    return _Evidence(
-        along=along,
-        low=found.low_px / scale,
-        high=found.high_px / scale,
-        has_low=(found.low_slope > floor) & (np.abs(found.low_px + half) < edge),
-        has_high=(found.high_slope > floor) & (np.abs(found.high_px - half) < edge),
-        on=on,
-    )
-
-
-def _refine(look: Look, run: _Run) -> _Run | None:
-    """The line again, to both flanks where both are seen and to one, half a width off, where only one is."""
-    for window in (max(1.5, 0.35 * look.width_px), max(1.0, 0.2 * look.width_px)):
-        seen = _evidence(look, run, run.low, run.high, window)
-        both = seen.has_low & seen.has_high & seen.on
-        if both.sum() < 3:
-            return None
-        half = 0.5 * float(np.median((seen.high - seen.low)[both]))
-        centre = 0.5 * (seen.low + seen.high)
-        centre = np.where(both, centre, np.where(seen.has_low, seen.low + half, seen.high - half))
-        used = seen.on & (seen.has_low | seen.has_high)
-        points = (run.at(seen.along) + centre[:, None] * run.line.normal)[used]
-        weights = np.where(both, 1.0, 0.25)[used]
-        line = fit_line(points, weights)
-        if line is None:
-            return None
-        t = (points - line.origin) @ line.direction
-        run = _Run(
-            line=line,
-            low=float(t.min()),
-            high=float(t.max()),
-            width_px=2.0 * half,
-            points=points,
-            weights=weights,
-        )
-    return run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -346,17 +96,19 @@ class _Row:
     middle_seen: float
 
 
-def _describe(look: Look, run: _Run, grow_px: float) -> _Row | None:
+def _describe(look: Look, run: Run, grow_px: float, longest_px: float) -> _Row | None:
     window = max(1.2, 0.25 * look.width_px)
-    seen = _evidence(look, run, run.low - grow_px, run.high + grow_px, window)
+    seen = evidence(look, run, run.low - grow_px, run.high + grow_px, window)
     both = seen.has_low & seen.has_high & seen.on
     known = np.flatnonzero(both & (seen.along >= run.low - 0.5) & (seen.along <= run.high + 0.5))
     if len(known) < 3:
         return None
     reach = round(max(3.0, 6.0 * look.width_px))
     need = round(max(4.0, 0.8 * look.width_px))
-    last = _grow(both, seen.on, int(known[-1]), 1, reach, need)
-    first = _grow(both, seen.on, int(known[0]), -1, reach, need)
+    dark = round(max(2.0, SHADOW_WIDTHS * look.width_px))
+    inner, outer = int(known[0]), int(known[-1])
+    last = _grow(both, seen.on, outer, max(outer, inner + round(longest_px)), reach, need, dark)
+    first = _grow(both, seen.on, inner, min(inner, last - round(longest_px)), reach, need, dark)
     tips, kinds, reaches = [], [], []
     for inner, sign in ((first, -1), (last, 1)):
         place, kind, beyond = _tip(look, run, seen, inner, sign)
@@ -382,25 +134,27 @@ def _sigma_at(line: Line, along: float) -> float:
     return float(np.sqrt(0.1**2 + line.sigma_px**2 + (line.sigma_rad * along) ** 2))
 
 
-def _grow(both: Bools, on: Bools, at: int, sign: int, reach: int, need: int) -> int:
-    """Outermost sample still of this part: through foreground, to where both flanks are seen again."""
-    size = len(both)
+def _grow(both: Bools, on: Bools, at: int, stop: int, reach: int, need: int, dark: int) -> int:
+    """Outermost sample still of this part: through foreground, to where both flanks are seen again.
+
+    Not beyond `stop`; over at most `reach` samples without both flanks, `dark` of them background, and
+    only to where both flanks are seen for `need` samples on end.
+    """
+    sign = 1 if stop >= at else -1
     best = at
-    here = at + sign
-    run = 0
-    while 0 <= here < size and on[here] and abs(here - best) <= reach:
-        if both[here]:
-            run += 1
-            if run >= need or abs(here - best) == run:
-                best = here
-                run = 0
-        else:
+    run = missing = 0
+    for here in range(at + sign, min(max(stop, -1), len(both)) if sign > 0 else max(stop, -1), sign):
+        missing = 0 if on[here] else missing + 1
+        if missing > dark or abs(here - best) > reach + need:
+            break
+        run = run + 1 if both[here] else 0
+        if run >= need or (run > 0 and abs(here - best) == run):
+            best = here
             run = 0
-        here += sign
     return best
 
 
-def _tip(look: Look, run: _Run, seen: _Evidence, inner: int, sign: int) -> tuple[float, Tip, float]:
+def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[float, Tip, float]:
     """Place of an end along the line, how it is seen, and how far the part could go on beyond it."""
     width = run.width_px
     off = inner
