@@ -51,6 +51,8 @@ class PlcLink:
         self._running: StopToken | None = None
         self._beat = beat
         self._outputs = PlcOutputs()
+        self._opened = False
+        self._open = False
         self._down_since: float | None = None
         self._said_at = 0.0
         self._failures = 0
@@ -60,11 +62,14 @@ class PlcLink:
         """Until the token fires; then a last exchange with ready and busy off."""
         clock = self._stop.clock
         self._channels.inbox.put(Event.LINK_LOST)  # nobody has been heard yet
+        # the very first exchange already carries boot number and last accepted order, not zeros
+        first = handshake.step(self._memory, None, self._channels.report.get(), None, clock.now())
+        self._memory, self._outputs = first.memory, first.outputs
         try:
             while True:
                 began_at = clock.now()
                 self._beat()
-                self._turn(began_at)
+                self._turn()
                 spent_s = clock.now() - began_at
                 self._stop.wait(max(0.0, self._pause_s() - spent_s))
         except StopRequested:
@@ -73,11 +78,18 @@ class PlcLink:
             self._plc.close()
 
     def _pause_s(self) -> float:
-        """The period; longer and longer while nobody answers, so that a missing PLC costs nothing."""
+        """The period; longer and longer while nobody answers, so that a missing PLC costs nothing.
+
+        Not before the loss is certain: until then an order may be running, and each poll may end it.
+        """
+        if self._memory.link_ok:
+            return PERIOD_S
         return min(_SLOWEST_RETRY_S, PERIOD_S * 2.0 ** min(self._failures, 8))
 
-    def _turn(self, now: float) -> None:
-        inputs = self._exchange(now)
+    def _turn(self) -> None:
+        inputs = self._exchange()
+        # after the exchange: a failed one takes its whole time limit, which counts as silence
+        now = self._stop.clock.now()
         finished = self._channels.results.take(0.0)
         step = handshake.step(self._memory, inputs, self._channels.report.get(), finished, now)
         for event in step.events:
@@ -90,10 +102,14 @@ class PlcLink:
         self._memory, self._outputs = step.memory, step.outputs
         self._note_acknowledge(inputs)
 
-    def _exchange(self, now: float) -> PlcInputs | None:
+    def _exchange(self) -> PlcInputs | None:
         try:
+            if not self._open:
+                self._plc.open()
+                self._open = True
             inputs = self._plc.exchange(self._outputs)
         except DriverError as error:
+            now = self._stop.clock.now()
             self._failures += 1
             if self._down_since is None:
                 self._down_since = now
@@ -106,7 +122,7 @@ class PlcLink:
                 )
             return None
         if self._down_since is not None:
-            log.info("plc_reached", after_s=round(now - self._down_since, 2))
+            log.info("plc_reached", after_s=round(self._stop.clock.now() - self._down_since, 2))
         self._down_since = None
         self._failures = 0
         return inputs
@@ -155,6 +171,8 @@ class PlcLink:
 
         A result takes three exchanges (payload, number, valid), and one more sends the last of them.
         """
+        if not self._opened:
+            return
         inputs: PlcInputs | None = None
         for _ in range(4):
             now = self._stop.clock.now()
