@@ -1,0 +1,78 @@
+"""Settings to devices. A vendor library is loaded only in the branch that needs it."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from drivers.interfaces import Camera, Gripper, Plc, Robot, StereoRig
+from drivers.settings import (
+    CameraSettings,
+    GripperSettings,
+    ModbusPlcSettings,
+    PlcSettings,
+    ReplayCameraSettings,
+    RobotSettings,
+    SimCameraSettings,
+    SimGripperSettings,
+    SimRobotSettings,
+)
+from drivers.timing import Clock
+
+
+class Factory:
+    """Makes devices, unopened, all with one clock."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+
+    def camera(self, name: str, settings: CameraSettings) -> Camera:
+        """A camera called ``name``."""
+        match settings:
+            case SimCameraSettings():
+                from drivers.sim.devices import SimCamera
+
+                return SimCamera(name, settings, self.clock)
+            case ReplayCameraSettings():
+                from drivers.camera.replay import ReplayCamera
+
+                return ReplayCamera(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def rig(self, left: CameraSettings, right: CameraSettings, max_skew_s: float) -> StereoRig:
+        """Two cameras, ``camera.left`` and ``camera.right``, as a rig."""
+        from drivers.camera.pair import TwoCameraRig
+
+        return TwoCameraRig(
+            self.camera("camera.left", left), self.camera("camera.right", right), max_skew_s, self.clock
+        )
+
+    def robot(self, name: str, settings: RobotSettings) -> Robot:
+        """An arm called ``name``."""
+        match settings:
+            case SimRobotSettings():
+                from drivers.sim.devices import SimRobot
+
+                return SimRobot(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def gripper(self, name: str, settings: GripperSettings) -> Gripper:
+        """A gripper called ``name``."""
+        match settings:
+            case SimGripperSettings():
+                from drivers.sim.devices import SimGripper
+
+                return SimGripper(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def plc(self, name: str, settings: PlcSettings) -> Plc:
+        """A PLC called ``name``."""
+        match settings:
+            case ModbusPlcSettings():
+                from drivers.plc.modbus import ModbusPlc
+
+                return ModbusPlc(name, settings, self.clock)
+            case _:
+                assert_never(settings)
