@@ -97,7 +97,7 @@ def _opencv(path: Path) -> dict[str, Json]:
         root = storage.root()
         for key in root.keys():  # noqa: SIM118 - a FileNode, not a dict
             node = root.getNode(key)
-            if node.isMap():
+            if node.isMap() and "type_id" in node.keys():  # noqa: SIM118 - a FileNode, not a dict
                 matrix = node.mat()
                 if matrix is not None:
                     fields[key] = matrix.tolist()

@@ -30,7 +30,7 @@ EXIT_CONFIG: Final = 78
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; errors a person can act on become one line and an exit code."""
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     try:
         return _run(arguments)
     except (ConfigError, CalibrationError) as error:
@@ -142,13 +142,14 @@ def _positive(text: str) -> float:
     return value
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    root = argparse.ArgumentParser(
         prog="mikado",
         description="Robot cell controller that picks thin parts out of disorder. Not a safety device.",
     )
-    parser.add_argument("--version", action="version", version=_version())
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    root.add_argument("--version", action="version", version=_version())
+    commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="the daemon: picks on the orders of the PLC")
     run.add_argument("config", type=Path, metavar="CONFIG")
@@ -190,7 +191,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--seed", type=int, default=7)
     demo.add_argument("--speed", type=_positive, default=4.0, help="simulated seconds per second")
     demo.add_argument("--deadline-s", type=_positive, default=240.0)
-    return parser
+    return root
 
 
 def _version() -> str:

@@ -28,7 +28,7 @@ from cell.types import CellReport, Outcome, PickResult
 from cell.workers import Beat, BeatingClock, Latest, Mailbox, Worker, WorkerGroup
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import ResultCode
-from vision.locate import warm_up
+from vision.default import warm_up
 
 log = logger("daemon")
 

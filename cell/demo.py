@@ -127,8 +127,8 @@ class _Story:
             case "closed":
                 self.closed += 1
             case "violation":
-                self.violations.append(str(line.get("detail", line)))
-                self.console.print(f"[red]handshake: {line.get('detail', line)}[/red]")
+                self.violations.append(str(line.get("text", line)))
+                self.console.print(f"[red]handshake: {line.get('text', line)}[/red]")
 
 
 def _ms(seconds: Json) -> str:

@@ -136,7 +136,7 @@ def outputs_of(memory: Memory, report: CellReport, now: float) -> PlcOutputs:
         boot_id=memory.boot_id,
     )
     result = memory.result
-    if result is None or memory.publication is Publication.RESTORED:
+    if result is None:
         return outputs
     return replace(
         outputs,

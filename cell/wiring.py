@@ -71,8 +71,8 @@ def build(
     known = check(config, config_path)
     factory = Factory(cell_clock)
     rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
-    robot = factory.robot(config.robot)
-    gripper = factory.gripper(config.gripper)
+    robot = factory.robot("robot", config.robot)
+    gripper = factory.gripper("gripper", config.gripper)
     if known.base_from_camera is None:
         raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
     station = Station(
@@ -96,6 +96,6 @@ def build(
     return Parts(
         station=station,
         devices=(rig, robot, gripper),
-        plc=Factory(clock).plc(config.plc),
+        plc=Factory(clock).plc("plc", config.plc),
         calibration=known,
     )

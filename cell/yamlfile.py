@@ -15,12 +15,24 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice (YAML would silently take the last)."""
+    """SafeLoader that refuses a key given twice (YAML would silently take the last), and says where."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        try:
+            return super().construct_object(node, deep=deep)
+        except ValueError as error:  # a date that is none, a tag that does not fit
+            raise yaml.MarkedYAMLError(
+                problem=f"{node.value!r} cannot be read: {error}", problem_mark=node.start_mark
+            ) from error
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
         seen: set[object] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                raise yaml.MarkedYAMLError(
+                    problem="a key must be a word, not a list or a mapping", problem_mark=key_node.start_mark
+                )
             if key in seen:
                 raise yaml.MarkedYAMLError(
                     problem=f"key {key!r} is given twice", problem_mark=key_node.start_mark
@@ -49,7 +61,10 @@ def load(path: Path, model: type[Model]) -> Model:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
         raise ConfigError(path, line, f"not readable as YAML: {error.problem}") from error
     except yaml.YAMLError as error:
-        raise ConfigError(path, None, f"not readable as YAML: {error}") from error
+        # a character that YAML forbids; its message has several lines
+        raise ConfigError(path, None, f"not readable as YAML: {' '.join(str(error).split())}") from error
+    if data is None:
+        raise ConfigError(path, 1, "the file is empty; a mapping of keys is expected")
     if not isinstance(data, dict):
         raise ConfigError(path, 1, f"a mapping of keys is expected, found {type(data).__name__}")
     try:
