@@ -1,8 +1,8 @@
 """A folder of recorded pictures as a camera.
 
-The pictures come in the natural order of their names (``left2`` before ``left10``). When they were really taken
-is not known, so each counts as exposed right after the instant it is asked for; that way two eyes asked for the
-same instant agree on it, and the pictures of one pair stay together.
+The pictures come in the natural order of their names (``left2`` before ``left10``). When they were really
+taken is not known, so each counts as exposed right after the instant it is asked for; that way two eyes asked
+for the same instant agree on it, and the pictures of one pair stay together.
 """
 
 from __future__ import annotations

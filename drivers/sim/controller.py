@@ -224,7 +224,10 @@ class Controller:
         with self._lock:
             if self._holder == client:
                 self._asked_at = self._clock.now()
-            return self._world.arm.motion_state, self.robot_state()
+            state = self.robot_state()
+            if self._robot_frozen:  # what it says of the motion is as old as the rest
+                return MotionEnd.RUNNING if state.moving else MotionEnd.DONE, state
+            return self._world.arm.motion_state, state
 
     def halt(self) -> None:
         """Come to rest; anybody may ask for that."""

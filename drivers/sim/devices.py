@@ -7,11 +7,19 @@ never taken for the next one; the next call connects anew.
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 from typing import NoReturn
 
 import numpy as np
 
-from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable, SafetyStop, StaleData
+from drivers.errors import (
+    CommandRejected,
+    DeviceTimeout,
+    DeviceUnavailable,
+    DriverError,
+    SafetyStop,
+    StaleData,
+)
 from drivers.settings import SimCameraSettings, SimGripperSettings, SimRobotSettings
 from drivers.sim.protocol import Json, Message, ProtocolError, receive, send
 from drivers.timing import Clock, StopRequested, StopToken
@@ -29,6 +37,7 @@ from drivers.types import (
 CONNECT_S = 1.0
 REQUEST_S = 1.0
 POLL_S = 0.02
+CLOSE_S = 0.3
 HALT_S = 1.0
 """How long the arm may take to come to rest after a halt."""
 STALE_S = 0.25
@@ -47,6 +56,11 @@ class Link:
         self._greeting = greeting
         self._socket: socket.socket | None = None
         self._opened = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection, as far as is known."""
+        return self._socket is not None
 
     def open(self) -> None:
         """Connect, or raise `DeviceUnavailable` (`CommandRejected` if the greeting is refused)."""
@@ -205,7 +219,10 @@ class SimRobot:
         self._controller_time_s = self._ticked_at = float("-inf")
 
     def close(self) -> None:
-        """Disconnect; the controller halts whatever still moves."""
+        """Give control back and disconnect; the controller halts whatever still moves."""
+        if self._link.connected:
+            with suppress(DriverError):  # a lost connection gives control back as well
+                self._link.ask("drop_control", wait_s=CLOSE_S)
         self._link.close()
 
     def state(self) -> RobotState:

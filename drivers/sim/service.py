@@ -152,6 +152,8 @@ def _robot(controller: Controller, client: int, operation: str, request: Message
     match operation:
         case "take_control":
             controller.take_control(client)
+        case "drop_control":
+            controller.drop_control(client)
         case "state":
             return Message(values={"ok": True, **state_values(controller.robot_state())})
         case "poll":
