@@ -17,6 +17,8 @@ import cv2
 import numpy as np
 
 from cell.errors import CalibrationError
+from vision.stereo import depth_range, rectification
+from vision.transforms import nearest_rotation
 from vision.types import CameraModel, Floats, Plane, StereoModel, Transform, read_only
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
@@ -25,6 +27,8 @@ Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | Non
 # overlap in number, so a file without units still says which it means.
 _METRES: Final = (0.010, 2.0)
 _MILLIMETRES: Final = (10.0, 2000.0)
+_ROUNDED: Final = 5e-4
+"""How far a rotation or unit vector may be off: files written with four digits are good."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +58,7 @@ def load(path: Path) -> Calibration:
     if not path.is_file():
         raise CalibrationError(f"{path}: calibration file not found; calibrate the cameras first")
     fields = _json(path) if path.suffix.lower() == ".json" else _opencv(path)
-    return _calibration(path, fields)
+    return _calibration(path, _flattened(fields))
 
 
 def fit(calibration: Calibration, width_px: int, height_px: int, what: str) -> None:
@@ -82,6 +86,19 @@ def table_of(calibration: Calibration, floor_z_m: float) -> Plane:
     return Plane(normal=read_only(normal), offset_m=float(base.translation[2]) - floor_z_m)
 
 
+def depth_bounds_m(
+    calibration: Calibration, table: Plane, height_m: tuple[float, float]
+) -> tuple[float, float]:
+    """Distances from the left camera at which something within these heights above the table can be seen.
+
+    Raises `CalibrationError` when the camera does not look down on the table.
+    """
+    try:
+        return depth_range(calibration.stereo, table, height_m)
+    except ValueError as error:
+        raise CalibrationError(f"{calibration.path}: camera and table do not fit: {error}") from error
+
+
 # ------------------------------------------------------------------------------ reading
 
 
@@ -97,17 +114,28 @@ def _opencv(path: Path) -> dict[str, Json]:
         root = storage.root()
         for key in root.keys():  # noqa: SIM118 - a FileNode, not a dict
             node = root.getNode(key)
-            if node.isMap() and "type_id" in node.keys():  # noqa: SIM118 - a FileNode, not a dict
-                matrix = node.mat()
-                if matrix is not None:
-                    fields[key] = matrix.tolist()
-            elif node.isString():
-                fields[key] = node.string()
-            elif node.isInt() or node.isReal():
-                fields[key] = node.real()
+            fields[key] = _plain(path, key, node)
     finally:
         storage.release()
     return fields
+
+
+def _plain(path: Path, key: str, node: cv2.FileNode) -> Json:
+    """A node of OpenCV's storage as plain data; a matrix as its rows."""
+    if node.isMap():
+        names = list(node.keys())
+        if not {"rows", "cols", "data"} <= set(names):
+            return {name: _plain(path, f"{key}.{name}", node.getNode(name)) for name in names}
+        try:
+            matrix: Json = node.mat().tolist()
+        except (cv2.error, SystemError) as error:
+            raise CalibrationError(f"{path}: {key} is not a matrix of numbers") from error
+        return matrix
+    if node.isSeq():
+        return [_plain(path, f"{key}[{i}]", node.at(i)) for i in range(node.size())]
+    if node.isString():
+        return node.string()
+    return node.real() if node.isInt() or node.isReal() else None
 
 
 def _json(path: Path) -> dict[str, Json]:
@@ -119,7 +147,7 @@ def _json(path: Path) -> dict[str, Json]:
         raise CalibrationError(f"{path}: a JSON object is expected")
     if "opencv_storage" in data or any(isinstance(v, dict) and "type_id" in v for v in data.values()):
         return _opencv(path)
-    return _flattened(data)
+    return data
 
 
 def _flattened(data: dict[str, Json]) -> dict[str, Json]:
@@ -163,35 +191,44 @@ def _calibration(path: Path, fields: dict[str, Json]) -> Calibration:
 
     def number(key: str) -> float:
         value = fields.get(key)
-        if not isinstance(value, int | float):
+        if not isinstance(value, int | float) or not math.isfinite(value):
             raise CalibrationError(f"{path}: {key} is missing or not a number")
         return float(value)
 
     width, height = int(number("image_width")), int(number("image_height"))
     shift = matrix("T", 3)
     units, scale = _units(path, fields.get("units"), float(np.linalg.norm(shift)))
-    rotation = matrix("R", 3, 3)
-    _rotation(path, "R", rotation)
+    rotation = _rotation(path, "R", matrix("R", 3, 3))
     base: Transform | None = None
     if fields.get("T_base_cam") is not None:
         pose = matrix("T_base_cam", 4, 4)
-        _rotation(path, "T_base_cam", pose[:3, :3])
-        base = Transform(rotation=read_only(pose[:3, :3].copy()), translation=read_only(pose[:3, 3] * scale))
+        if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+            raise CalibrationError(f"{path}: the last row of T_base_cam is not 0 0 0 1; is it transposed?")
+        base = Transform(
+            rotation=_rotation(path, "T_base_cam", pose[:3, :3]), translation=read_only(pose[:3, 3] * scale)
+        )
     table: Plane | None = None
     if fields.get("table_normal") is not None:
         normal = matrix("table_normal", 3)
+        if abs(float(np.linalg.norm(normal)) - 1.0) > _ROUNDED:
+            raise CalibrationError(f"{path}: table_normal is not of length 1")
         table = Plane(normal=normal, offset_m=number("table_offset") * scale)
     names = fields.get("cameras")
     cameras = (str(names.get("left")), str(names.get("right"))) if isinstance(names, dict) else None
     rms = fields.get("rms_px")
+    model = StereoModel(
+        left=_camera(path, matrix("K1", 3, 3), matrix("D1", -1), width, height, "K1"),
+        right=_camera(path, matrix("K2", 3, 3), matrix("D2", -1), width, height, "K2"),
+        right_from_left=Transform(rotation=rotation, translation=read_only(shift * scale)),
+        rms_px=float(rms) if isinstance(rms, int | float) else float("nan"),
+    )
+    try:
+        rectification(model)
+    except ValueError as error:
+        raise CalibrationError(f"{path}: {error}") from error
     return Calibration(
         path=path,
-        stereo=StereoModel(
-            left=_camera(path, matrix("K1", 3, 3), matrix("D1", -1), width, height, "K1"),
-            right=_camera(path, matrix("K2", 3, 3), matrix("D2", -1), width, height, "K2"),
-            right_from_left=Transform(rotation=rotation, translation=read_only(shift * scale)),
-            rms_px=float(rms) if isinstance(rms, int | float) else float("nan"),
-        ),
+        stereo=model,
         base_from_camera=base,
         table=table,
         units=units,
@@ -211,10 +248,14 @@ def _camera(path: Path, matrix: Floats, distortion: Floats, width: int, height: 
     return CameraModel(matrix=matrix, distortion=distortion, width_px=width, height_px=height)
 
 
-def _rotation(path: Path, key: str, rotation: Floats) -> None:
+def _rotation(path: Path, key: str, rotation: Floats) -> Floats:
+    """The rotation without the rounding of the file: the detector asks for more digits than files have."""
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > 1e-4 or np.linalg.det(rotation) < 0:
+    if error > _ROUNDED or np.linalg.det(rotation) < 0:
         raise CalibrationError(f"{path}: the rotation in {key} is none (off by {error:.2g})")
+    exact = nearest_rotation(rotation)
+    read_only(exact)
+    return exact
 
 
 def _units(path: Path, stated: Json, baseline: float) -> tuple[str, float]:

@@ -14,7 +14,6 @@ from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
 from drivers.timing import Clock
-from vision.stereo import depth_range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,7 +46,7 @@ def check(config: CellConfig, config_path: str) -> Calibration:
 def refuse_too_long(config: CellConfig, known: Calibration, length_m: float, name: str) -> None:
     """Raise `ConfigError` for a product that no picture of this cell can show whole."""
     table = calibration.table_of(known, config.workspace.floor_z_m)
-    depth = config.tuning.depth_m or depth_range(known.stereo, table, config.tuning.height_m)
+    depth = config.tuning.depth_m or calibration.depth_bounds_m(known, table, config.tuning.height_m)
     seen = calibration.widest_view_m(known.stereo, depth[1])
     if length_m > seen:
         raise ConfigError(

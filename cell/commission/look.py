@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -26,7 +27,6 @@ from drivers.types import Pixels
 from vision import transforms
 from vision.draw import draw
 from vision.locate import locate
-from vision.stereo import depth_range
 from vision.types import Candidate, Floats, Plane, Refused, Scene, Tuning
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
@@ -81,7 +81,7 @@ def from_files(left: Path, right: Path, calibration_path: Path, part_path: Path,
         )
     depth = tuning.depth_m
     if depth is None and known.table is not None:
-        depth = depth_range(known.stereo, known.table, tuning.height_m)
+        depth = calibration.depth_bounds_m(known, known.table, tuning.height_m)
     _refuse_too_long(part, known, depth)
     return Sight(
         left=pixels[0],
@@ -254,7 +254,8 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             entry["end_base_m"] = _numbers(transforms.apply(base, candidate.end))
         if plan is not None and plan.pick is not None:
             entry["grasp_base"] = [round(v, 6) for v in plan.pick.grasp.six()]
-            entry["clearance_m"] = round(plan.pick.clearance_m, 6)
+            room = plan.pick.clearance_m  # JSON has no infinity: null where nothing else is seen
+            entry["clearance_m"] = round(room, 6) if math.isfinite(room) else None
         candidates.append(entry)
     segments: list[Json] = [
         {
