@@ -16,7 +16,7 @@ from cell.workers import Beat, Latest, Mailbox
 from drivers.errors import DriverError
 from drivers.interfaces import Device
 from drivers.timing import StopRequested, StopToken
-from drivers.types import Grip, PlcCommand, ResultCode, RobotState, SafetyMode
+from drivers.types import Grip, ResultCode, RobotState, SafetyMode, Six
 
 log = logger("cell")
 
@@ -27,6 +27,9 @@ SERVICE_ENDS: Final = "service ends"
 _IDLE_S: Final = 0.1
 _INTERNAL_LIMIT: Final = 3
 _INTERNAL_WINDOW_S: Final = 600.0
+_AT_HOME_RAD: Final = 0.01
+_AT_REST: Final = (State.ABORTED, State.STOPPED)
+_ARM_SILENT: Final = (FaultCode.ROBOT_LOST, FaultCode.ROBOT_SLOW, FaultCode.ROBOT_STALE)
 
 
 class TooManyFaults(Exception):
@@ -160,31 +163,39 @@ class CellLoop:
             device.close()
 
     def _end(self) -> None:
-        self._enter(Event.STOP)
+        self._halt()
+        try:
+            self._enter(Event.STOP)
+        finally:
+            self._close_devices()
+        self._enter(Event.HALTED)
+        self._publish(moving=False, robot_link=False, vision_ok=False)
+
+    def _halt(self) -> None:
         try:
             self._station.robot.halt()
         except DriverError as error:
             log.warning("halt_failed", detail=str(error))
-        self._close_devices()
-        self._enter(Event.HALTED)
-        self._publish(moving=False, robot_link=False, vision_ok=False)
 
     # ------------------------------------------------------------------ idle
 
     def _watch(self) -> None:
-        """Health check between orders."""
-        if self._state in (State.ABORTED, State.STOPPED):
-            return
+        """Health check between orders. After a fault the PLC still sees what the arm says of itself."""
         try:
             self._refresh()
         except DriverError as error:
-            self._fault(fault_of(error))
+            if self._state in _AT_REST:
+                self._publish(robot_link=False)
+            else:
+                self._fault(fault_of(error))
 
     def _refresh(self) -> None:
         state = self._station.robot.state()
-        self._publish(**_robot_fields(state))
+        self._publish(**_robot_fields(state), at_home=_at(state, self._station.workspace.watch_q_rad))
+        if self._state in _AT_REST:
+            return
         unsafe = safety_fault(state.safety, f"{self._station.robot.name}: {state.safety.value}")
-        if unsafe is not None and self._state not in (State.ABORTING, State.ABORTED):
+        if unsafe is not None:
             self._fault(unsafe)
             return
         self._publish(vision_ok=True, part_in_gripper=self._station.gripper.grip() is Grip.HOLDING)
@@ -253,7 +264,6 @@ class CellLoop:
         if fault is not None:
             self._fault(fault)
             return
-        self._publish(at_home=order.command is PlcCommand.HOME and result.code is ResultCode.OK)
         self._enter(Event.DONE)
         self._enter(Event.REPORTED)
         self._watch()
@@ -279,6 +289,7 @@ class CellLoop:
     # ------------------------------------------------------------------ faults
 
     def _fault(self, fault: Fault) -> None:
+        self._halt()  # first: nothing before it may fail
         row = TABLE[fault.code]
         log.error(
             "fault_raised", code=int(fault.code), name=fault.code.name, detail=fault.detail, action=row.action
@@ -286,17 +297,13 @@ class CellLoop:
         self._enter(Event.FAULT)
         self._faults += 1
         self._journal.fault(fault)
-        try:
-            self._station.robot.halt()
-        except DriverError as error:
-            log.warning("halt_failed", detail=str(error))
         self._publish(
             moving=False,
             fault_code=int(fault.code),
             fault_count=self._faults,
             operator_needed=True,
             vision_ok=self._report.vision_ok and fault.code // 100 not in (2, 3),
-            robot_link=self._report.robot_link and fault.code // 100 != 4,
+            robot_link=self._report.robot_link and fault.code not in _ARM_SILENT,
         )
         self._enter(Event.HALTED)
         if fault.code in (FaultCode.INTERNAL, FaultCode.VISION_INTERNAL):
@@ -320,6 +327,12 @@ def _robot_fields(state: RobotState) -> dict[str, object]:
         "safeguard_stop": state.safety is SafetyMode.SAFEGUARD_STOP,
         "safety_mode": list(SafetyMode).index(state.safety) + 1,
     }
+
+
+def _at(state: RobotState, q_rad: Six) -> bool:
+    """True when the arm stands still at these joint angles."""
+    near = all(abs(q - wanted) < _AT_HOME_RAD for q, wanted in zip(state.joints.q_rad, q_rad, strict=True))
+    return near and not state.moving
 
 
 def _code_of(reason: str) -> ResultCode:
