@@ -71,6 +71,8 @@ def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times)
                 station.gripper.release(stop=stop)
             return _plain(order, ResultCode.OK)
         case PlcCommand.GRIPPER_CLOSE:
+            if order.dry_run:
+                return _plain(order, ResultCode.OK)
             with times.stage(station, Stage.GRIP):
                 held = station.gripper.grasp(stop=stop)
             return _plain(order, ResultCode.OK, detail=int(held is Grip.HOLDING))
@@ -78,8 +80,10 @@ def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times)
             held = station.gripper.grip()
             if held is not Grip.HOLDING:
                 return _plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
-            _place(station, order, stop, times)
-            return _plain(order, ResultCode.OK, outcome=Outcome.PICKED, quantity=1)
+            if _place(station, order, stop, times) is not ResultCode.OK:
+                return _plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
+            # not PICKED: the part was counted by the order that picked it
+            return _plain(order, ResultCode.OK, quantity=1)
         case PlcCommand.VISION_ONLY | PlcCommand.PICK | PlcCommand.PICK_AND_PLACE:
             return _pick_with_attempts(station, order, stop, times)
         case PlcCommand.RETRACT | PlcCommand.LOAD_RECIPE | PlcCommand.RECOVER:
@@ -107,17 +111,19 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
     """One look and one pick."""
     clear_at = _move_clear(station, order, stop, times)
     look = _look(station, order, clear_at, times)
-    chosen, refused = _choose(station, look.plans)
+    chosen, unreachable = _choose(station, look.plans)
+    refused = [*(why for plan in look.plans for why in plan.refused), *unreachable]
     station.looked(look)
     if chosen is None:
         return _nothing_to_pick(order, look, refused)
     if order.command is PlcCommand.VISION_ONLY:
-        return _report(order, look, chosen, ResultCode.OK, Outcome.NONE)
+        return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     if order.dry_run:
         _hover(station, chosen, order, stop, times)
-        return _report(order, look, chosen, ResultCode.OK, Outcome.NONE)
+        return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     code = _fetch(station, chosen, order, stop, times)
-    return _report(order, look, chosen, code, Outcome.PICKED if code is ResultCode.OK else Outcome.MISSED)
+    outcome = Outcome.PICKED if code is ResultCode.OK else Outcome.MISSED
+    return _report(order, look, chosen, refused, code, outcome)
 
 
 # --------------------------------------------------------------------------- look, find, plan
@@ -182,10 +188,9 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
 
 
 def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
-    """The first plan the arm can reach, and why those before it were passed over."""
+    """The first pick the arm can reach, and a refusal for each before it that it cannot."""
     refused: list[PlanRefused] = []
     for plan in plans:
-        refused.extend(plan.refused)
         if plan.pick is None:
             continue
         if all(
@@ -291,7 +296,14 @@ def is_empty(scene: Scene, length_m: float) -> bool:
     return not bool((lengths >= length_m / 2).any())
 
 
-def _report(order: PickOrder, look: Look, pick: Pick, code: ResultCode, outcome: Outcome) -> PickResult:
+def _report(
+    order: PickOrder,
+    look: Look,
+    pick: Pick,
+    refused: list[PlanRefused],
+    code: ResultCode,
+    outcome: Outcome,
+) -> PickResult:
     only_looked = order.command is PlcCommand.VISION_ONLY
     graspable = sum(plan.pick is not None for plan in look.plans)
     return PickResult(
@@ -304,7 +316,7 @@ def _report(order: PickOrder, look: Look, pick: Pick, code: ResultCode, outcome:
         confidence=pick.score,
         pose=pick.grasp,
         seen=len(look.scene.candidates),
-        refused=_counts(look, [why for plan in look.plans for why in plan.refused]),
+        refused=_counts(look, refused),
     )
 
 
