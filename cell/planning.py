@@ -233,7 +233,8 @@ def _clearance(
         [c * offset[:, 0] + s * offset[:, 1], s * offset[:, 0] - c * offset[:, 1], offset[:, 2]], axis=1
     )
     middle, half = _fingers(jaws)
-    top = workspace.approach_height_m
+    # fingers and hand sweep the column above them, from the grasp up to where the descent begins
+    top = jaws.depth_m + max(workspace.approach_height_m, workspace.travel_z_m - float(tips[2]))
     boxes = [
         (np.array([side * middle, 0.0, top / 2]), np.array([half, jaws.width_m / 2, top / 2]))
         for side in (-1.0, 1.0)
