@@ -203,7 +203,25 @@ class CellConfig(Settings):
                 raise ValueError(f"parts: code {code} is given twice")
         if self.cameras.mount == "tool":
             raise ValueError("cameras.mount: tool is not supported yet; only fixed cameras are")
+        drivers = {
+            "cameras.left": self.cameras.left.driver,
+            "cameras.right": self.cameras.right.driver,
+            "robot": self.robot.driver,
+            "gripper": self.gripper.driver,
+        }
+        real = [name for name, driver in drivers.items() if driver != "sim"]
+        if 0 < len(real) < len(drivers) and not self.allow_mixed:
+            raise ValueError(
+                f"{', '.join(real)} not simulated but the other devices are; "
+                "set allow_mixed: true if that is meant"
+            )
         for part in self.parts:
+            if self.workspace.floor_clearance_m >= part.diameter_m / 2:
+                raise ValueError(
+                    f"part {part.code} ({part.name}): workspace.floor_clearance_m "
+                    f"{self.workspace.floor_clearance_m} keeps the fingers above the middle of a part on "
+                    f"the floor (diameter_m {part.diameter_m})"
+                )
             if part.diameter_m >= self.jaws.opening_m:
                 raise ValueError(
                     f"part {part.code} ({part.name}): diameter_m {part.diameter_m} does not fit "

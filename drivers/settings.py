@@ -13,9 +13,9 @@ Six = tuple[float, float, float, float, float, float]
 
 
 class Settings(BaseModel):
-    """Base of all settings: unknown keys are errors, values cannot be changed."""
+    """Base of all settings: unknown keys are errors, values cannot be changed, numbers are finite."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class SimCameraSettings(Settings):
