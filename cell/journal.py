@@ -56,6 +56,7 @@ class Journal:
         """Open or create; raises `ConfigError` naming the file when that cannot be."""
         if self._connection is not None:
             return
+        connection: sqlite3.Connection | None = None
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             # handed from the thread that opens it to the one that uses it, never shared
@@ -72,10 +73,12 @@ class Journal:
                 )
             connection.executescript(_SCHEMA)
             connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+            row = connection.execute("SELECT MAX(id) FROM boots").fetchone()
         except (OSError, sqlite3.Error) as error:
+            if connection is not None:
+                connection.close()
             raise ConfigError(self._path, None, f"the journal cannot be written: {error}") from error
         self._connection = connection
-        row = connection.execute("SELECT MAX(id) FROM boots").fetchone()
         self._boot = int(row[0] or 0)
 
     def close(self) -> None:

@@ -11,7 +11,8 @@ class Notifier:
 
     def __init__(self) -> None:
         address = os.environ.get("NOTIFY_SOCKET")
-        self._address = None if address is None else address.replace("@", "\0", 1)
+        # "@" in front stands for an abstract socket; anywhere else it is part of a path
+        self._address = "\0" + address[1:] if address is not None and address.startswith("@") else address
         self._socket: socket.socket | None = None
         if self._address is not None:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)

@@ -48,15 +48,18 @@ class OverlayWriter:
                 return
 
     def _write(self, look: Look) -> None:
-        picture = draw(look.pair.left.pixels, look.scene, self._stereo, look.part.model())
         name = f"look-{look.pair.left.sequence:06d}-order-{look.order.request_id:05d}.png"
         try:
+            picture = draw(look.pair.left.pixels, look.scene, self._stereo, look.part.model())
             self._folder.mkdir(parents=True, exist_ok=True)
             done, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             if not done:
                 raise OSError("the picture could not be encoded")
             (self._folder / name).write_bytes(encoded.tobytes())
-            for old in sorted(self._folder.glob("look-*.png"))[:-_KEPT]:
+            # by time, because a camera counts its pictures from 1 again after every start
+            written = sorted(self._folder.glob("look-*.png"), key=lambda file: file.stat().st_mtime_ns)
+            for old in written[:-_KEPT]:
                 old.unlink()
-        except OSError as error:
+        except (OSError, ValueError, cv2.error) as error:
+            # a picture that cannot be drawn or kept must not end the cell
             log.warning("overlay_not_written", file=str(self._folder / name), detail=str(error))

@@ -129,9 +129,12 @@ class WorkerGroup:
         try:
             worker.body()
         except StopRequested:
-            return
+            pass
         except BaseException as error:  # noqa: BLE001 - the one place where a worker's end is caught
             self._failures.put((worker.name, error))
+            return
+        if not worker.stop.stopped:
+            self._failures.put((worker.name, RuntimeError("ended without being asked to")))
 
     def failure(self) -> tuple[str, BaseException] | None:
         """The first worker that ended by an exception, with it; None while all is well."""
