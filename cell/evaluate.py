@@ -23,9 +23,13 @@ from vision.types import Floats, Grey, Method, Scene, Tuning
 # couples; the figures are in the evaluation report.
 STICK_TOLERANCE_M: Final[dict[Method, float]] = {"published": 0.010, "default": 0.004}
 TOPOLOGY_TOLERANCE_M: Final = 0.008
+# The skeleton of a wide plate has its ends and junctions up to half a width off, each.
+TOPOLOGY_TOLERANCE_WIDTHS: Final = 0.9
 
 SPUR_WIDTHS: Final = 0.8
 """The skeleton of a square end forks; its branches are 0.7 widths long and must go."""
+EPIPOLAR_WIDTHS: Final = 0.3
+"""Which branch of the fork is left may differ between the views; for sticks the tuning's own value counts."""
 
 Result = dict[str, "str | float | list[Detection] | list[list[list[float]]]"]
 Detection = dict[str, "str | int | float | list[float] | list[list[float]]"]
@@ -78,12 +82,18 @@ def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method, w
     wanted = scenes.request(scene, STICK_TOLERANCE_M[method])
     part = wanted.part
     if part.topology is not None:
-        part = replace(part, length_tolerance_m=TOPOLOGY_TOLERANCE_M)
+        tolerance_m = max(TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS * wanted.width_m)
+        part = replace(part, length_tolerance_m=tolerance_m)
     left, right = scenes.grey(scene, "left"), scenes.grey(scene, "right")
     problem = _problem(left, right, rig)
     if problem is not None:
         return {"scene": scene.name, "detections": [], "segments": [], "problem": problem}
-    tuning = Tuning(method=method, spur_px=max(Tuning().spur_px, SPUR_WIDTHS * _width_px(wanted, rig)))
+    width_px = _width_px(wanted, rig)
+    tuning = Tuning(
+        method=method,
+        spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
+        epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
+    )
     if not warm:
         locate(left, right, rig.stereo, part, tuning, rig.table)
     clock = MonotonicClock()

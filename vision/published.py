@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vision import binarize, corners, graph, match_paper, reconstruct, retrieve, stereo, thin
+from vision import binarize, corners, graph, loops, match_paper, reconstruct, retrieve, stereo, thin
 from vision.quality import require_grey
 from vision.types import Graph, Grey, NodeKind, PartModel, Plane, Scene, StereoModel, Tuning, View
 
 Observer = Callable[[str, object], None]
 """Gets every product with the name of its stage, as soon as it is made."""
 
+LONGEST_TOPOLOGY_DETOUR = 0.15
+"""The same between neighbours of a part with several segments, whose own edges may be curved (a jaw)."""
 ARM_PX = 8.0
-"""Over how many pixels to each side the bend at a corner is measured."""
+"""The least length to each side over which the bend at a corner is measured."""
+LONGEST_RIM = 1.5
 
 LONGEST_DETOUR = 0.05
 """Two nodes are linked as one straight part when the way between them is at most this share longer than the
@@ -75,7 +78,11 @@ def locate_published(
     tell("binarize", tuple(masks))
     skeletons = [thin.zhang_suen(mask) for mask in masks]
     tell("thin", tuple(skeletons))
-    graphs = [_graph(part, graph.prune(graph.trace(skeleton), tuning.spur_px)) for skeleton in skeletons]
+    length_px = part.length_m * rect.focal_px / gates.depth_m[0]
+    graphs = [
+        nodes_of_part(graph.prune(graph.trace(skeleton), tuning.spur_px), part, length_px, tuning.spur_px)
+        for skeleton in skeletons
+    ]
     tell("graph", tuple(graphs))
     views = [
         View(grey=grey, mask=mask, skeleton=skeleton, graph=traced, band=band)
@@ -90,7 +97,7 @@ def locate_published(
         couples, _ = reconstruct.couples(in_space, LONGEST_DETOUR)
         candidates = retrieve.retrieve_sticks(couples, part, tuning, table)
     else:
-        candidates = retrieve.retrieve_topology(in_space, part, tuning, table, LONGEST_DETOUR)
+        candidates = retrieve.retrieve_topology(in_space, part, tuning, table, LONGEST_TOPOLOGY_DETOUR)
     tell("retrieve", candidates)
     return Scene(
         method="published",
@@ -136,9 +143,17 @@ def depth_gate_m(stereo_model: StereoModel, tuning: Tuning, table: Plane | None)
     return stereo.depth_range(stereo_model, table, tuning.height_m)
 
 
-def _graph(part: PartModel, traced: Graph) -> Graph:
-    if part.topology is not None and NodeKind.CORNER in part.topology.kinds:
-        return corners.with_corners(traced, ARM_PX)
+def nodes_of_part(traced: Graph, part: PartModel, length_px: float, spur_px: float) -> Graph:
+    """The graph with the kinds of nodes the part has: corners and hole centres are added where it has some.
+
+    ``length_px`` is how long the part looks; the rim of a hole is not longer than `LONGEST_RIM` times that.
+    ``spur_px`` is the length below which a skeleton's shape means nothing, so bends are measured over it.
+    """
+    kinds = () if part.topology is None else part.topology.kinds
+    if NodeKind.CORNER in kinds:
+        traced = corners.with_corners(traced, max(ARM_PX, spur_px))
+    if NodeKind.LOOP_CENTRE in kinds:
+        traced = loops.with_loop_centres(traced, LONGEST_RIM * length_px)
     return traced
 
 
