@@ -52,7 +52,6 @@ class PlcLink:
         self._beat = beat
         self._outputs = PlcOutputs()
         self._opened = False
-        self._open = False
         self._down_since: float | None = None
         self._said_at = 0.0
         self._failures = 0
@@ -104,9 +103,9 @@ class PlcLink:
 
     def _exchange(self) -> PlcInputs | None:
         try:
-            if not self._open:
+            if not self._opened:
                 self._plc.open()
-                self._open = True
+                self._opened = True
             inputs = self._plc.exchange(self._outputs)
         except DriverError as error:
             now = self._stop.clock.now()
