@@ -2,8 +2,8 @@
 
 A skeleton is good for topology and bad for measuring: it moves in steps of whole pixels and bends at
 crossings. Here it only says where to look. Across each sample of a piece the grey profile is searched
-for its steepest rise and its steepest fall near the expected half width; their parabola peaks are the
-two flanks and their mean lies on the centre line. A robust line goes through these points.
+for its steepest rise and its steepest fall near the expected half width; the centroids of the slope there
+are the two flanks and their mean lies on the centre line. A robust line goes through these points.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ Picture: TypeAlias = npt.NDArray[np.float32]
 
 _STEP_PX = 0.5
 _TUKEY = 4.685
+_L1_TURNS, _TUKEY_TURNS = 8, 8
 _LEAST_SCALE_PX = 0.08
 
 
@@ -219,19 +220,36 @@ def _steepest(
     count = max(3, int(np.ceil((high - low) / _STEP_PX)) + 1)
     slopes = np.empty(count + 2)
     for k in range(count + 2):
-        s = low + (k - 1) * _STEP_PX
-        after = _sample(grey, u + (s + _STEP_PX) * du, v + (s + _STEP_PX) * dv)
-        before = _sample(grey, u + (s - _STEP_PX) * du, v + (s - _STEP_PX) * dv)
-        slopes[k] = sign * (after - before) / (2.0 * _STEP_PX)
+        slopes[k] = _slope(grey, u, v, du, dv, low + (k - 1) * _STEP_PX, sign)
     best = 1
     for k in range(1, count + 1):
         if slopes[k] > slopes[best]:
             best = k
-    bend = slopes[best - 1] - 2.0 * slopes[best] + slopes[best + 1]
-    shift = 0.0
-    if bend < -1e-9:
-        shift = min(max(0.5 * (slopes[best - 1] - slopes[best + 1]) / bend, -0.5), 0.5)
-    return low + (best - 1 + shift) * _STEP_PX, max(slopes[best], 0.0)
+    place = low + (best - 1) * _STEP_PX
+    if slopes[best] <= 0.0:
+        return place, 0.0
+    # a parabola through the peak is drawn to whole pixels; the centroid of the slope is not
+    for _ in range(2):
+        total = max(_slope(grey, u, v, du, dv, place, sign), 1e-6)
+        moment = 0.0
+        for side in (-1.0, 1.0):
+            for k in range(1, 4):
+                s = side * k * _STEP_PX
+                slope = _slope(grey, u, v, du, dv, place + s, sign)
+                if slope <= 0.0:
+                    break
+                total += slope
+                moment += slope * s
+        place += moment / total
+    return min(max(place, low), high), slopes[best]
+
+
+@compiled
+def _slope(grey: Picture, u: float, v: float, du: float, dv: float, s: float, sign: float) -> float:
+    """Grey per px at an offset along a direction, times sign."""
+    after = _sample(grey, u + (s + _STEP_PX) * du, v + (s + _STEP_PX) * dv)
+    before = _sample(grey, u + (s - _STEP_PX) * du, v + (s - _STEP_PX) * dv)
+    return sign * (after - before) / (2.0 * _STEP_PX)
 
 
 @compiled
@@ -265,13 +283,16 @@ def _falls(grey: Picture, at: Floats, along: Floats, window: float) -> Floats:
 
 @compiled
 def _fit(points: Floats, weights: Floats) -> tuple[bool, float, float, float, float, float, float, float]:
-    """(good, origin u, v, direction u, v, sigma offset, sigma angle, scale) by reweighting ten times."""
+    """(good, origin u, v, direction u, v, sigma offset, sigma angle, scale) by reweighting.
+
+    First towards the least sum of distances, which finds the majority, then with Tukey's weights.
+    """
     count = len(points)
     robust = np.ones(count)
     ou = ov = du = dv = 0.0
     scale = 1.0
     total = spread = 0.0
-    for _ in range(10):
+    for turn in range(_L1_TURNS + _TUKEY_TURNS):
         total = 0.0
         ou = 0.0
         ov = 0.0
@@ -302,7 +323,10 @@ def _fit(points: Floats, weights: Floats) -> tuple[bool, float, float, float, fl
         scale = max(1.4826 * np.median(off), _LEAST_SCALE_PX)
         for k in range(count):
             r = off[k] / (_TUKEY * scale)
-            robust[k] = (1.0 - r * r) ** 2 if r < 1.0 else 0.0
+            if turn < _L1_TURNS:
+                robust[k] = _LEAST_SCALE_PX / max(off[k], _LEAST_SCALE_PX)
+            else:
+                robust[k] = (1.0 - r * r) ** 2 if r < 1.0 else 0.0
     if spread < 1e-6:
         return False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0
     return True, ou, ov, du, dv, scale / np.sqrt(total), scale / np.sqrt(spread), scale

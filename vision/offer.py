@@ -22,6 +22,7 @@ from vision.types import (
     Bools,
     Candidate,
     Floats,
+    Ints,
     PartModel,
     Plane,
     Refusal,
@@ -49,15 +50,14 @@ NEAR_LENGTHS = 1.5
 class Crossings:
     """What lies over each of P placed parts.
 
-    ``over`` (P, P) True where part j lies over part i anywhere; ``over_middle`` (P,) how many parts and
-    lone strands lie over the middle third of i; ``over_any`` (P,) how many lie over i anywhere;
-    ``share`` (P,) place along i, 0..1, of the one nearest to its middle (NaN for none).
+    ``over_middle`` (P,) how many parts and lone strands lie over the middle third of i; ``over_any``
+    (P,) how many lie over i anywhere; ``known`` P lists of crossings with other placed parts, above or
+    below: place along i and half the reach of the crossing, as shares of its length.
     """
 
-    over: Bools
-    over_middle: Floats
-    over_any: Floats
-    share: Floats
+    over_middle: Ints
+    over_any: Ints
+    known: list[list[tuple[float, float]]]
 
 
 def candidates(
@@ -80,7 +80,7 @@ def candidates(
         length_m = float(placed.length_m[row])
         if not part.length_m / NEAR_LENGTHS < length_m < part.length_m * NEAR_LENGTHS:
             continue
-        hidden = _hidden_widths(placed.ends_m[row], looks)
+        hidden = _hidden_widths(placed.ends_m[row], crossings.known[row], looks)
         candidate = _candidate(
             row, placed, left, right, looks, part, tuning, table, crossings, doubles, hidden
         )
@@ -235,40 +235,41 @@ def _doubles(placed: Placed, part: PartModel) -> Floats:
 
 def _crossings(placed: Placed, left: Strands, look: Look) -> Crossings:
     count = len(placed.cost)
-    over = np.zeros((count, count), np.bool_)
-    middle = np.zeros(count)
-    anywhere = np.zeros(count)
-    share = np.full(count, np.nan)
-    if count == 0:
-        return Crossings(over=over, over_middle=middle, over_any=anywhere, share=share)
+    middle, anywhere = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    known: list[list[tuple[float, float]]] = [[] for _ in range(count)]
     ends = from_space(placed.ends_m, look.rect)
     taken = set(placed.solved.left.tolist())
     lone = [n for n in range(len(left)) if n not in taken]
     for i in range(count):
+        over: list[float] = []
         for j in range(count):
-            if i == j:
-                continue
-            met = _meet(ends[i, :, :2], ends[j, :, :2])
+            met = None if i == j else _meet(ends[i, :, :2], ends[j, :, :2])
             if met is None:
                 continue
             mine = ends[i, 0, 2] + met[0] * (ends[i, 1, 2] - ends[i, 0, 2])
             other = ends[j, 0, 2] + met[1] * (ends[j, 1, 2] - ends[j, 0, 2])
+            known[i].append((met[0], _reach(look, ends[i, :, :2], ends[j, :, :2])))
             if other > mine:
-                over[i, j] = True
-                _count(i, met[0], middle, anywhere, share)
+                over.append(met[0])
         for n in lone:
             met = _meet(ends[i, :, :2], left.tips[n])
             if met is not None and _hides(look, ends[i, :, :2], left.tips[n], met):
-                _count(i, met[0], middle, anywhere, share)
-    return Crossings(over=over, over_middle=middle, over_any=anywhere, share=share)
+                over.append(met[0])
+        anywhere[i] = len(over)
+        middle[i] = sum(MIDDLE[0] < place < MIDDLE[1] for place in over)
+    return Crossings(over_middle=middle, over_any=anywhere, known=known)
 
 
-def _count(i: int, place: float, middle: Floats, anywhere: Floats, share: Floats) -> None:
-    anywhere[i] += 1
-    if MIDDLE[0] < place < MIDDLE[1]:
-        middle[i] += 1
-    if np.isnan(share[i]) or abs(place - 0.5) < abs(share[i] - 0.5):
-        share[i] = place
+def _reach(look: Look, mine: Floats, other: Floats) -> float:
+    """Half of what a crossing covers of the first segment, as a share of it."""
+    return (0.7 * look.width_px / max(_sine(mine, other), 0.1)) / max(
+        float(np.hypot(*(mine[1] - mine[0]))), 1.0
+    )
+
+
+def _sine(mine: Floats, other: Floats) -> float:
+    a, b = mine[1] - mine[0], other[1] - other[0]
+    return abs(float(a[0] * b[1] - a[1] * b[0])) / float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def _meet(first: Floats, second: Floats) -> tuple[float, float] | None:
@@ -285,11 +286,7 @@ def _meet(first: Floats, second: Floats) -> tuple[float, float] | None:
 
 def _hides(look: Look, mine: Floats, other: Floats, met: tuple[float, float]) -> bool:
     """True where the other's flanks go on through the crossing and mine do not."""
-    sine = abs(
-        float(np.cross(mine[1] - mine[0], other[1] - other[0]))
-        / float(np.linalg.norm(mine[1] - mine[0]) * np.linalg.norm(other[1] - other[0]))
-    )
-    reach_px = 0.5 * look.width_px / max(sine, 0.2)
+    reach_px = 0.5 * look.width_px / max(_sine(mine, other), 0.2)
     shares = [_flank_share(look, line, place, reach_px) for line, place in ((mine, met[0]), (other, met[1]))]
     return shares[1] >= shares[0]
 
@@ -303,16 +300,23 @@ def _flank_share(look: Look, line: Floats, place: float, reach_px: float) -> flo
     return float(0.5 * (low.mean() + high.mean()))
 
 
-def _hidden_widths(ends_m: Floats, looks: tuple[Look, Look]) -> float:
-    """Longest stretch of the middle third without both flanks, in part widths, in the better picture."""
+def _hidden_widths(ends_m: Floats, known: list[tuple[float, float]], looks: tuple[Look, Look]) -> float:
+    """Longest stretch of the middle third without both flanks, in part widths, in the better picture.
+
+    `known` crossings, place along the part and reach as shares of its length, are left out: depth has
+    already told which part is above.
+    """
     share = np.linspace(MIDDLE[0], MIDDLE[1], MIDDLE_SAMPLES)[:, None]
     points = ends_m[0] + share * (ends_m[1] - ends_m[0])
+    explained = np.zeros(MIDDLE_SAMPLES, np.bool_)
+    for place, reach in known:
+        explained |= np.abs(share[:, 0] - place) < reach
     longest = []
     for look, raw in zip(looks, project(points, looks[0].rect.stereo), strict=True):
         low, high = _flanks_seen(look, raw)
         step_px = float(np.hypot(*(raw[-1] - raw[0]))) / (MIDDLE_SAMPLES - 1)
         run = most = 0
-        for seen in (low & high).tolist():
+        for seen in (explained | (low & high)).tolist():
             run = 0 if seen else run + 1
             most = max(most, run)
         longest.append(most * step_px / look.width_px)

@@ -23,6 +23,8 @@ TILT_SHARES = (0.3, 0.06)
 """Parts whose ends differ in height by more than the first share of their length are rare; the second is
 what is usual, and is believed where the pictures say next to nothing."""
 UNKNOWN_DISPARITY_PX = 1.5
+LANE_CAP = 0.9
+"""The end disc's outline is an ellipse; this is its mean height over the five lanes that find a tip."""
 DETERMINED_PX = 2.0
 """An end whose place along the axis is known better than this counts as seen."""
 
@@ -228,5 +230,5 @@ def _cap_px(found: Floats, rect: Rectification, radius_m: float) -> tuple[Floats
         view = points - camera
         view = view / np.linalg.norm(view, axis=-1, keepdims=True)
         cosine = np.abs(np.einsum("pek,pk->pe", view, axis))
-        caps.append(radius_m * rect.focal_px / depth * cosine)
+        caps.append(LANE_CAP * radius_m * rect.focal_px / depth * cosine)
     return caps[0], caps[1]
