@@ -204,13 +204,15 @@ def _columns(rows: list[_Row]) -> Strands:
 
 
 def _without_doubles(strands: Strands, width_px: float) -> Strands:
-    """Strands that lie along a longer one are its own fragments."""
+    """Strands that lie along a longer one, or within several, are fragments or their crossing."""
     kept: list[int] = []
     length = strands.length_px
     for number in np.argsort(-length * (0.3 + strands.seen)).tolist():
         if length[number] < 1.5 * width_px:
             continue
-        if not any(_lies_along(strands, number, other, width_px) for other in kept):
+        if any(_lies_along(strands, number, other, width_px) for other in kept):
+            continue
+        if not _lies_within(strands, number, kept, width_px):
             kept.append(number)
     rows = np.array(sorted(kept), np.int64)
     return Strands(
@@ -234,3 +236,17 @@ def _lies_along(strands: Strands, number: int, other: int, width_px: float) -> b
     length = float(strands.length_px[other])
     shared = min(along[1], length) - max(along[0], 0.0)
     return bool(across.max() < 0.45 * width_px and shared > 0.6 * (along[1] - along[0]))
+
+
+def _lies_within(strands: Strands, number: int, others: list[int], width_px: float) -> bool:
+    """True where a strand's axis stays inside the bands of longer ones: the merged middle of a crossing."""
+    start, end = strands.tips[number]
+    points = start + np.linspace(0.1, 0.9, 9)[:, None] * (end - start)
+    inside = np.zeros(len(points), np.bool_)
+    for other in others:
+        axis = strands.direction[other]
+        relative = points - strands.tips[other, 0]
+        along = relative @ axis
+        across = np.abs(relative @ np.array([-axis[1], axis[0]]))
+        inside |= (across < 0.55 * width_px) & (along > 0.0) & (along < strands.length_px[other])
+    return bool(inside.all())
