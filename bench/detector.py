@@ -3,7 +3,9 @@
 ``python -m bench.detector [--piles 6] [--sticks 4 12 20 40]``
 
 A found part is right when its middle is within 5 mm, its axis within 5 degrees and its length within 10 % of
-a true part not yet taken. "first right": the first candidate offered is right.
+a true part not yet taken. Parts that are covered count
+as found; "first right": the first candidate is right. The published method has the band of its paper, by
+hand as there; the default one sets its own.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ from vision.default import warm_up
 from vision.locate import locate
 from vision.types import Candidate, Floats, Method, Tuning
 
+# Its paper's band for sticks (table 1); the proposal from the histogram takes the tray's bright walls too.
+BAND: dict[Method, tuple[int, int] | None] = {"published": (186, 255), "default": None}
 # The published method measures whole pixels of disparity; a narrow gate would cost it recall.
 TOLERANCE_M = {"published": 0.012, "default": 0.004}
 
@@ -78,7 +82,7 @@ def run(piles: Piles, method: Method, repeats: int) -> Score:
     """One method over all piles; the time of a look is the median of ``repeats``."""
     clock, total = MonotonicClock(), Score()
     part = replace(piles.part, length_tolerance_m=TOLERANCE_M[method])
-    tuning = Tuning(method=method, height_m=(-0.003, 0.045))
+    tuning = Tuning(method=method, band=BAND[method], height_m=(-0.003, 0.045))
     for pile in piles.piles:
         took = []
         for _ in range(repeats):
@@ -86,7 +90,7 @@ def run(piles: Piles, method: Method, repeats: int) -> Score:
             scene = locate(pile.left, pile.right, piles.known.stereo, part, tuning, piles.table)
             took.append(1000 * (clock.now() - began_at))
         total.took_ms.append(statistics.median(took))
-        score(total, scene.offered, pile)
+        score(total, scene.recognised, pile)
     return total
 
 

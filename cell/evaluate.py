@@ -39,8 +39,9 @@ def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, .
     """Run the detector over scenes and write ``<out_dir>/<scene>.json`` for each.
 
     Results are in mm in the raw left camera frame. ``time_ms`` is the work on the pair without reading files,
-    taken after one unmeasured run per rig, so that compiling is not counted. A scene whose pictures cannot
-    be used gets no detections and a ``problem``.
+    taken after one unmeasured run per rig, so that compiling is not counted. Parts that are only covered or
+    too steep to be had now are detections too, ranked behind those that are offered. A scene whose pictures
+    cannot be used gets no detections and a ``problem``.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
             "rank": rank,
             "score": round(candidate.score, 4),
         }
-        for rank, candidate in enumerate(seen.offered, start=1)
+        for rank, candidate in enumerate(seen.recognised, start=1)
     ]
     ends = zip(seen.segments.start, seen.segments.end, strict=True)
     return {

@@ -219,6 +219,10 @@ class Refusal(Enum):
     UNMATCHED = "seen by one camera only"
 
 
+_PASSING = frozenset({Refusal.CROSSED, Refusal.TILT})
+"""Reasons against picking a part now; that it is the product is settled."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refused:
     """One reason with its number: ``value`` against ``limit``, both in ``unit``.
@@ -256,6 +260,11 @@ class Candidate:
     def offered(self) -> bool:
         """True when no stage refused it."""
         return not self.refusals
+
+    @property
+    def recognised(self) -> bool:
+        """True when it is the product, though it may be covered or too steep to be had now."""
+        return all(refused.reason in _PASSING for refused in self.refusals)
 
 
 class PictureFlaw(Enum):
@@ -303,3 +312,8 @@ class Scene:
     def offered(self) -> tuple[Candidate, ...]:
         """Candidates nobody refused, best first."""
         return tuple(c for c in self.candidates if c.offered)
+
+    @property
+    def recognised(self) -> tuple[Candidate, ...]:
+        """All that are the product: the offered ones, then those only covered or too steep."""
+        return (*self.offered, *(c for c in self.candidates if c.recognised and not c.offered))
