@@ -70,7 +70,7 @@ def picture(shift_m: float, seed: int) -> npt.NDArray[np.uint8]:
         shade = 150.0 + 70.0 * np.sqrt(np.clip(1.0 - (side / radius) ** 2, 0.0, 1.0))
         grey = grey * (1.0 - cover) + shade * cover
     grey = cv2.GaussianBlur(grey, (0, 0), 0.6) + rng.normal(0.0, 1.2, (HEIGHT, WIDTH))
-    return np.clip(np.round(grey), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.round(grey), 0, 255), dtype=np.uint8)
 
 
 def _pixel(point_base_m: Floats, camera_base_m: Floats) -> Floats:
