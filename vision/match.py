@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from vision.look import Look
 from vision.reconstruct_lines import DETERMINED_PX, Level, Solved, from_space, solve
 from vision.stereo import Rectification, project
-from vision.strands import Strands
+from vision.strands import Strands, Tip, with_hidden_halves
 from vision.types import Bools, Floats, Ints, Matches, PartModel, read_only
 
 UNMATCHED_COST = 60.0
@@ -73,6 +73,12 @@ def match(
     """
     pairs, flipped = _possible(left, right, level, looks[0].rect, part)
     placed = _place(left, right, pairs, flipped, looks, level, part)
+    doubtful = (left.kind[pairs[:, 0]] == Tip.HALF).any(axis=1)
+    doubtful |= (right.kind[pairs[:, 1]] == Tip.HALF).any(axis=1)
+    if doubtful.any():
+        hidden = with_hidden_halves(left), with_hidden_halves(right)
+        again = _place(*hidden, pairs[doubtful], flipped[doubtful], looks, level, part)
+        placed = _both(placed, again)
     cheap = placed.cost < UNMATCHED_COST
     cost = np.full((len(left), len(right) + len(left)), 10 * UNMATCHED_COST)
     which = np.full((len(left), len(right)), -1, np.int64)
@@ -86,7 +92,7 @@ def match(
     chosen = [which[i, j] for i, j in zip(first, second, strict=True) if j < len(right) and which[i, j] >= 0]
     rows = np.array(chosen, np.int64)
     kept = _rows(placed, rows)
-    rivals = np.bincount(placed.solved.left[cheap], minlength=len(left)) > 1
+    rivals = (which >= 0).sum(axis=1) > 1
     matches = Matches(
         left=kept.solved.left,
         right=kept.solved.right,
@@ -279,6 +285,32 @@ def rows_of(solved: Solved, rows: Ints) -> Solved:
         end_sigma_px=read_only(solved.end_sigma_px[rows]),
         chi2=read_only(solved.chi2[rows]),
         residual_px=read_only(solved.residual_px[rows]),
+    )
+
+
+def _both(first: Placed, second: Placed) -> Placed:
+    """The rows of two."""
+
+    def joined(a: Floats, b: Floats) -> Floats:
+        return np.concatenate([a, b])
+
+    one, two = first.solved, second.solved
+    return Placed(
+        solved=Solved(
+            left=read_only(np.concatenate([one.left, two.left])),
+            right=read_only(np.concatenate([one.right, two.right])),
+            flipped=read_only(np.concatenate([one.flipped, two.flipped])),
+            ends_px=read_only(joined(one.ends_px, two.ends_px)),
+            ends_m=read_only(joined(one.ends_m, two.ends_m)),
+            end_sigma_px=read_only(joined(one.end_sigma_px, two.end_sigma_px)),
+            chi2=read_only(joined(one.chi2, two.chi2)),
+            residual_px=read_only(joined(one.residual_px, two.residual_px)),
+        ),
+        ends_m=read_only(joined(first.ends_m, second.ends_m)),
+        completed=read_only(np.concatenate([first.completed, second.completed])),
+        slack_m=read_only(joined(first.slack_m, second.slack_m)),
+        cover=read_only(joined(first.cover, second.cover)),
+        cost=read_only(joined(first.cost, second.cost)),
     )
 
 

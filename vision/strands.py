@@ -7,7 +7,7 @@ lanes fall to background. Everything here is in rectified pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -20,10 +20,12 @@ from vision.types import Bools, Floats, Ints, read_only
 
 FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.4, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
+DOUBT_WIDTHS = 3.0
+"""A tip with foreground ahead of it this near may be the edge of a shadow across the part."""
 
 
 class Tip(IntEnum):
-    """How an end of a strand is seen."""
+    """How an end of a strand is seen; HALF is either in part, or with something else close ahead."""
 
     FREE = 0
     HALF = 1
@@ -75,12 +77,12 @@ def find_strands(look: Look, pieces: Pieces, grow_px: float, longest_px: float) 
         as long as it is not longer than this.
     """
     runs = measure(look, pieces)
-    joined = [join(runs, group) for group in link(look, runs)]
-    rows = []
-    for run in joined:
-        refined = refine(look, run)
-        if refined is not None:
-            rows.append(_describe(look, refined, grow_px, longest_px))
+    # twice: lines refined on both flanks find partners that lines of short pieces miss
+    for _ in range(2):
+        joined = [join(runs, group) for group in link(look, runs)]
+        refined = [refine(look, run) for run in joined]
+        runs = [run for run in refined if run is not None]
+    rows = [_describe(look, run, grow_px, longest_px) for run in runs]
     return _without_doubles(_columns([row for row in rows if row is not None]), look.width_px)
 
 
@@ -157,10 +159,10 @@ def _grow(both: Bools, on: Bools, at: int, stop: int, reach: int, need: int, dar
 def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[float, Tip, float]:
     """Place of an end along the line, how it is seen, and how far the part could go on beyond it."""
     width = run.width_px
-    off = inner
-    while 0 <= off < len(seen.on) and seen.on[off]:
-        off += sign
-    beyond = float(abs(off - inner))
+    outwards = seen.on[inner:] if sign > 0 else seen.on[inner::-1]
+    beyond = _foreground_run(outwards, 0)
+    # the part could go on under others, and through their shadows
+    reach = _foreground_run(outwards, round(SHADOW_WIDTHS * width)) + 0.5 * width
     start = float(seen.along[inner])
     guess = start + sign * min(beyond, 0.5 * width)
     axis = sign * run.line.direction
@@ -180,11 +182,35 @@ def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[f
         normal = np.array([-axis[1], axis[0]])
         ahead = np.stack([past + s * width * normal for s in (-0.3, -0.15, 0.0, 0.15, 0.3)])
         clear = ~look.mask_at(ahead)
-        if close.sum() >= 4 and clear.sum() >= 4:
-            return guess + sign * float(lanes[close, 0].mean()) / step, Tip.FREE, 0.0
         if close.sum() >= 2 and clear.sum() >= 2:
-            return guess + sign * float(lanes[close, 0].mean()) / step, Tip.HALF, 0.5 * width
-    return start, Tip.HIDDEN, beyond + 0.5 * width
+            found = guess + sign * float(lanes[close, 0].mean()) / step
+            ahead_is_empty = not outwards[int(beyond) + 1 :][: round(DOUBT_WIDTHS * width)].any()
+            if close.sum() >= 4 and clear.sum() >= 4 and ahead_is_empty:
+                return found, Tip.FREE, 0.0
+            return found, Tip.HALF, max(reach - abs(found - start), 0.5 * width)
+    return start, Tip.HIDDEN, reach
+
+
+def _foreground_run(on: Bools, dark: int) -> float:
+    """How far foreground goes on from the first sample, over at most `dark` samples of background."""
+    last = missing = 0
+    for number, lit in enumerate(on.tolist()):
+        missing = 0 if lit else missing + 1
+        if missing > dark:
+            break
+        if lit:
+            last = number + 1
+    return float(last)
+
+
+def with_hidden_halves(strands: Strands) -> Strands:
+    """The same strands, taking no tip for seen that is only half seen."""
+    half = strands.kind == Tip.HALF
+    return replace(
+        strands,
+        kind=read_only(np.where(half, int(Tip.HIDDEN), strands.kind)),
+        tip_sigma_px=read_only(np.where(half, HIDDEN_TIP_PX, strands.tip_sigma_px)),
+    )
 
 
 def _columns(rows: list[_Row]) -> Strands:
