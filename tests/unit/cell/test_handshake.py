@@ -271,6 +271,14 @@ def test_another_order_while_one_is_in_flight_is_refused_as_busy(busy: Dialogue)
     assert (busy.out.accepted_seq, busy.out.ack_code) == (5, 0)
 
 
+def test_an_order_in_flight_counts_before_the_cell_reports_itself_busy(busy: Dialogue) -> None:
+    busy.report = READY
+    busy.show(6)
+    busy.polls(2)
+    assert busy.out.ack_code == ResultCode.BUSY
+    assert len(busy.orders) == 1
+
+
 def test_an_order_before_the_last_result_is_acknowledged_is_refused_as_busy(busy: Dialogue) -> None:
     busy.finish(5)
     busy.show(6)
@@ -553,6 +561,13 @@ def test_abort_that_is_high_at_the_start_is_an_abort() -> None:
     d.show(0, abort=True)
     d.poll()
     assert PlcEvent.ABORT in d.events
+
+
+@pytest.mark.parametrize("changes", [{"abort": True}, {"hold": True}, {"enable": False}])
+def test_the_cell_is_not_ready_while_the_plc_stops_it(ready: Dialogue, changes: dict[str, object]) -> None:
+    ready.show(0, **changes)
+    ready.poll()
+    assert not ready.ready()
 
 
 def test_reset_counts_on_its_rising_edge_only(ready: Dialogue) -> None:
