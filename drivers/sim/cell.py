@@ -2,8 +2,8 @@
 
 ``python -m drivers.sim.cell --world configs/demo/world.yaml --port 0 [--speed 4] [--seed 7] [--sticks 12]
 [--faults drop_next,camera_black:left]`` serves eyes, arm, jaws and onlookers on one loopback port. The first
-line on standard output tells the port; SIGTERM ends it. With ``--calibration-out FILE`` it writes the
-calibration that belongs to the world and ends.
+line on standard output tells the port; SIGTERM ends it, and the last line is what the world counted. With
+``--calibration-out FILE`` it writes the calibration that belongs to the world and ends.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from __future__ import annotations
 import argparse
 import json
 import signal
+import socket
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import yaml
@@ -22,10 +24,11 @@ from drivers.sim.controller import Controller
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import calibration_text, eyes
 from drivers.sim.protocol import ProtocolError
-from drivers.sim.service import FAULTS, Service, upset
+from drivers.sim.service import FAULTS, Service, status_values, upset
 from drivers.sim.world import World
 from drivers.timing import MonotonicClock
 
+ENDING = (signal.SIGTERM, signal.SIGINT)
 TICK_S = 0.004
 """Real time between two steps of the world when nobody asks for anything."""
 
@@ -64,6 +67,20 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+def _ending_signals() -> socket.socket:
+    """A socket that can be read once the process was asked to end.
+
+    A handler that sets an event could meet the main thread inside that event's lock, and masks do not reach
+    the threads numpy starts; a byte written by the interpreter's own handler always arrives.
+    """
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    for number in ENDING:
+        signal.signal(number, lambda *_: None)
+    signal.set_wakeup_fd(writer.detach())
+    return reader
+
+
 def _run_clock(controller: Controller, ended: threading.Event) -> None:
     while not ended.wait(TICK_S):
         controller.advance()
@@ -84,9 +101,7 @@ def main(argv: list[str] | None = None) -> int:
     if not options.speed > 0.0:
         sys.stderr.write("--speed must be positive\n")
         return 2
-    ended = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.set())
+    asked_to_end = _ending_signals()
     seed = layout.seed if options.seed is None else options.seed
     controller = Controller(world, MonotonicClock(), options.speed, eyes(layout.cameras), seed)
     try:
@@ -96,6 +111,7 @@ def main(argv: list[str] | None = None) -> int:
     except ProtocolError as error:
         sys.stderr.write(f"{error}\n")
         return 2
+    ended = threading.Event()
     with Service(controller, options.host, options.port) as service:
         threads = (
             threading.Thread(target=service.serve_forever, kwargs={"poll_interval": 0.05}),
@@ -105,10 +121,15 @@ def main(argv: list[str] | None = None) -> int:
             thread.start()
         sys.stdout.write(json.dumps({"event": "listening", "port": service.port}) + "\n")
         sys.stdout.flush()
-        ended.wait()
+        asked_to_end.recv(1)
+        ended.set()
         service.shutdown()
         for thread in threads:
             thread.join()
+        with suppress(BrokenPipeError):  # whoever started it may be gone already
+            sys.stdout.write(json.dumps({"event": "ended", **status_values(controller)}) + "\n")
+            sys.stdout.flush()
+    asked_to_end.close()
     return 0
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import socket
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -79,8 +80,11 @@ def send(connection: socket.socket, message: Message) -> None:
     connection.sendall(_LENGTHS.pack(len(text), len(message.payload)) + text + message.payload)
 
 
-def receive(connection: socket.socket) -> Message | None:
+def receive(connection: socket.socket, left_s: Callable[[], float] | None = None) -> Message | None:
     """Read one message; None when the other side closed between two messages.
+
+    ``left_s`` tells how much time is left for the whole of it, however slowly it trickles in; without it the
+    socket's own timeout counts for each piece.
 
     Raises
     ------
@@ -89,14 +93,14 @@ def receive(connection: socket.socket) -> Message | None:
     OSError
         As the socket raises it, `TimeoutError` included.
     """
-    start = _read(connection, _LENGTHS.size, may_end=True)
+    start = _read(connection, _LENGTHS.size, left_s, may_end=True)
     if start is None:
         return None
     header_size, payload_size = _LENGTHS.unpack(start)
     if header_size > HEADER_LIMIT or payload_size > PAYLOAD_LIMIT:
         raise ProtocolError(f"message of {header_size} + {payload_size} bytes is too long")
-    text = _read(connection, header_size, may_end=False) or b""
-    payload = _read(connection, payload_size, may_end=False) or b""
+    text = _read(connection, header_size, left_s, may_end=False) or b""
+    payload = _read(connection, payload_size, left_s, may_end=False) or b""
     try:
         values: Json = json.loads(text)
     except ValueError as error:
@@ -106,10 +110,17 @@ def receive(connection: socket.socket) -> Message | None:
     return Message(values=values, payload=payload)
 
 
-def _read(connection: socket.socket, size: int, *, may_end: bool) -> bytes | None:
+def _read(
+    connection: socket.socket, size: int, left_s: Callable[[], float] | None, *, may_end: bool
+) -> bytes | None:
     parts: list[bytes] = []
     missing = size
     while missing > 0:
+        if left_s is not None:
+            remaining_s = left_s()
+            if remaining_s <= 0.0:
+                raise TimeoutError("no time left")
+            connection.settimeout(remaining_s)
         part = connection.recv(min(missing, 1 << 20))
         if not part:
             if may_end and missing == size:
