@@ -4,9 +4,9 @@ configuration can be checked on any computer."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 Port = Annotated[int, Field(ge=1, le=65535)]
 Six = tuple[float, float, float, float, float, float]
@@ -72,14 +72,25 @@ class ModbusPlcSettings(Settings):
     host: str
     port: Port = 502
     unit: Annotated[int, Field(ge=0, le=255)] = 1
-    read_base: NonNegativeInt = Field(default=0, description="holding register of the command block, 0-based")
+    read_base: NonNegativeInt = Field(
+        default=0, le=65536 - 24, description="holding register of the command block (24 words), 0-based"
+    )
     write_base: NonNegativeInt = Field(
-        default=100, description="holding register of the status block, 0-based"
+        default=100, le=65536 - 40, description="holding register of the status block (40 words), 0-based"
     )
     word_order: Literal["big", "little"] = Field(
         default="big", description="big: high word first (ABCD); little: low word first (CDAB)"
     )
     timeout_s: PositiveFloat = 0.3
+
+    @model_validator(mode="after")
+    def _blocks_are_apart(self) -> Self:
+        # overlapping, the cell would write its status into its own orders
+        if self.read_base - 40 < self.write_base < self.read_base + 24:
+            raise ValueError(
+                f"write_base {self.write_base} (40 words) overlaps read_base {self.read_base} (24 words)"
+            )
+        return self
 
 
 PlcSettings = ModbusPlcSettings

@@ -31,9 +31,16 @@ CLOCK = MonotonicClock()
 
 
 @contextlib.contextmanager
-def modbus(port: int, word_order: WordOrder = "big", write_base: int = 100) -> Iterator[ModbusPlc]:
+def modbus(
+    port: int, word_order: WordOrder = "big", read_base: int = 0, write_base: int = 100
+) -> Iterator[ModbusPlc]:
     settings = ModbusPlcSettings(
-        driver="modbus", host="127.0.0.1", port=port, word_order=word_order, write_base=write_base
+        driver="modbus",
+        host="127.0.0.1",
+        port=port,
+        word_order=word_order,
+        read_base=read_base,
+        write_base=write_base,
     )
     plc = ModbusPlc("plc", settings, CLOCK)
     plc.open()
@@ -265,5 +272,5 @@ def test_sigterm_ends_the_simulated_plc_quickly_and_leaves_a_summary(
 def test_the_cell_may_write_the_status_block_only(simulated: Callable[..., SimulatedPlc]) -> None:
     peer = simulated("--orders", "1")
     wrong = "write of 40 registers at 0 refused: exception 2"
-    with modbus(peer.port, write_base=0) as plc, pytest.raises(CommandRejected, match=wrong):
+    with modbus(peer.port, read_base=100, write_base=0) as plc, pytest.raises(CommandRejected, match=wrong):
         plc.exchange(PlcOutputs())

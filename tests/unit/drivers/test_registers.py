@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 from itertools import pairwise
 
 import pytest
+from pydantic import ValidationError
 
 from drivers.plc_codec import crc16, decode_command, decode_status, encode_command, encode_status
 from drivers.plc_map import (
@@ -18,6 +19,7 @@ from drivers.plc_map import (
     Register,
     next_sequence,
 )
+from drivers.settings import ModbusPlcSettings
 from drivers.types import PlcOutputs, ToolPose
 from tests.fakes.plc import IDLE
 
@@ -219,3 +221,18 @@ def test_a_block_of_the_wrong_shape_is_refused(words: list[int]) -> None:
 
 def test_the_sequence_leaves_out_zero_at_the_wrap() -> None:
     assert [next_sequence(n) for n in (0, 1, 65534, 65535)] == [1, 2, 65535, 1]
+
+
+@pytest.mark.parametrize(
+    ("read_base", "write_base"),
+    [(0, 0), (0, 23), (139, 100), (65513, 0), (0, 65497)],
+)
+def test_blocks_that_overlap_or_leave_the_address_space_are_refused(read_base: int, write_base: int) -> None:
+    with pytest.raises(ValidationError, match=r"overlaps|less than or equal"):
+        ModbusPlcSettings(driver="modbus", host="192.0.2.20", read_base=read_base, write_base=write_base)
+
+
+@pytest.mark.parametrize(("read_base", "write_base"), [(0, 24), (40, 0), (65512, 0), (0, 65496)])
+def test_blocks_that_just_fit_are_taken(read_base: int, write_base: int) -> None:
+    s = ModbusPlcSettings(driver="modbus", host="192.0.2.20", read_base=read_base, write_base=write_base)
+    assert (s.read_base, s.write_base) == (read_base, write_base)
