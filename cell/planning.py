@@ -24,8 +24,9 @@ _STEP_M: Final = 0.002
 """Grip positions are tried every 2 mm along the part, obstacles sampled as finely."""
 _OFF_CENTRE: Final = 0.25
 """A grip may be this share of the length away from the middle."""
-_SAME_PART: Final = 2.5
-"""Another segment within this many diameters of the candidate's own axis is the candidate itself."""
+_SAME_PART: Final = 0.9
+"""A segment within this many diameters of the candidate's own axis is the candidate itself: the axes of two
+parts that lie side by side are a whole diameter apart."""
 
 
 class PlanRefusal(Enum):
