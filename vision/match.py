@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from vision.look import Look
 from vision.reconstruct_lines import DETERMINED_PX, Level, Solved, from_space, solve
 from vision.stereo import Rectification, project
-from vision.strands import Strands, Tip, with_hidden_halves
+from vision.strands import Strands, cautious
 from vision.types import Bools, Floats, Ints, Matches, PartModel, read_only
 
 UNMATCHED_COST = 60.0
@@ -73,11 +73,10 @@ def match(
     """
     pairs, flipped = _possible(left, right, level, looks[0].rect, part)
     placed = _place(left, right, pairs, flipped, looks, level, part)
-    doubtful = (left.kind[pairs[:, 0]] == Tip.HALF).any(axis=1)
-    doubtful |= (right.kind[pairs[:, 1]] == Tip.HALF).any(axis=1)
+    doubtful = ~(left.sure[pairs[:, 0]].all(axis=1) & right.sure[pairs[:, 1]].all(axis=1))
     if doubtful.any():
-        hidden = with_hidden_halves(left), with_hidden_halves(right)
-        again = _place(*hidden, pairs[doubtful], flipped[doubtful], looks, level, part)
+        taken_back = cautious(left), cautious(right)
+        again = _place(*taken_back, pairs[doubtful], flipped[doubtful], looks, level, part)
         placed = _both(placed, again)
     cheap = placed.cost < UNMATCHED_COST
     cost = np.full((len(left), len(right) + len(left)), 10 * UNMATCHED_COST)
@@ -166,7 +165,7 @@ def _place(
     ends_m, completed, violation_px, slack_m = _complete(solved, left, right, rect, part)
     cover = _cover(ends_m, looks)
     length_m = np.linalg.norm(ends_m[:, 1] - ends_m[:, 0], axis=1)
-    misfit = np.minimum(((length_m - part.length_m) / part.length_tolerance_m) ** 2, 9.0)
+    misfit = np.minimum(4.0 * ((length_m - part.length_m) / part.length_tolerance_m) ** 2, 20.0)
     over = np.abs(solved.ends_px[..., 2] - level.disparity_px(solved.ends_px[..., :2])) - level.half_px
     height = np.maximum(over, 0.0) / max(0.1 * level.half_px, 1.0)
     cost = (

@@ -73,7 +73,7 @@ def candidates(
 
     Refused ones follow, best first.
     """
-    crossings = _crossings(placed, left, looks[0])
+    crossings = _crossings(placed, left, looks[0], part.length_m)
     doubles = _doubles(placed, part)
     found: list[tuple[int, Candidate]] = []
     for row in range(len(placed.cost)):
@@ -233,23 +233,27 @@ def _doubles(placed: Placed, part: PartModel) -> Floats:
     return found
 
 
-def _crossings(placed: Placed, left: Strands, look: Look) -> Crossings:
+def _crossings(placed: Placed, left: Strands, look: Look, length_m: float) -> Crossings:
     count = len(placed.cost)
     middle, anywhere = np.zeros(count, np.int64), np.zeros(count, np.int64)
     known: list[list[tuple[float, float]]] = [[] for _ in range(count)]
     ends = from_space(placed.ends_m, look.rect)
+    # what is too short may go on unseen below others, as far as the length of a part
+    beyond = np.maximum(length_m / placed.length_m - 1.0, 0.0)
     taken = set(placed.solved.left.tolist())
     lone = [n for n in range(len(left)) if n not in taken]
     for i in range(count):
         over: list[float] = []
         for j in range(count):
-            met = None if i == j else _meet(ends[i, :, :2], ends[j, :, :2])
+            met = None if i == j else _meet(ends[i, :, :2], ends[j, :, :2], beyond[j])
             if met is None:
                 continue
             mine = ends[i, 0, 2] + met[0] * (ends[i, 1, 2] - ends[i, 0, 2])
             other = ends[j, 0, 2] + met[1] * (ends[j, 1, 2] - ends[j, 0, 2])
-            known[i].append((met[0], _reach(look, ends[i, :, :2], ends[j, :, :2])))
-            if other > mine:
+            within = 0.0 <= met[1] <= 1.0
+            if within or other <= mine:
+                known[i].append((met[0], _reach(look, ends[i, :, :2], ends[j, :, :2])))
+            if within and other > mine:
                 over.append(met[0])
         for n in lone:
             met = _meet(ends[i, :, :2], left.tips[n])
@@ -272,8 +276,11 @@ def _sine(mine: Floats, other: Floats) -> float:
     return abs(float(a[0] * b[1] - a[1] * b[0])) / float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-def _meet(first: Floats, second: Floats) -> tuple[float, float] | None:
-    """Where two segments (2, 2) cross, as shares along each; None where they do not."""
+def _meet(first: Floats, second: Floats, beyond: float = 0.0) -> tuple[float, float] | None:
+    """Where two segments (2, 2) cross, as shares along each; None where they do not.
+
+    The second may be longer at both ends by the share `beyond` of itself.
+    """
     a, b = first[1] - first[0], second[1] - second[0]
     cross = float(a[0] * b[1] - a[1] * b[0])
     if abs(cross) < 1e-9:
@@ -281,7 +288,7 @@ def _meet(first: Floats, second: Floats) -> tuple[float, float] | None:
     gap = second[0] - first[0]
     s = float(gap[0] * b[1] - gap[1] * b[0]) / cross
     t = float(gap[0] * a[1] - gap[1] * a[0]) / cross
-    return (s, t) if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0 else None
+    return (s, t) if 0.0 <= s <= 1.0 and -beyond <= t <= 1.0 + beyond else None
 
 
 def _hides(look: Look, mine: Floats, other: Floats, met: tuple[float, float]) -> bool:

@@ -20,6 +20,7 @@ from vision.types import Bools, Floats, Ints, read_only
 
 FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.4, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
+SINGLE_FLANK_BLINDNESS = 0.4
 DOUBT_WIDTHS = 3.0
 """A tip with foreground ahead of it this near may be the edge of a shadow across the part."""
 
@@ -38,21 +39,24 @@ class Strands:
     """Straight parts of one picture, in columns, rectified px.
 
     ``tips`` (S, 2, 2) both ends; ``kind`` (S, 2) of `Tip`; ``tip_sigma_px`` (S, 2) along the axis;
-    ``reach_px`` (S, 2) how far beyond the tip the part could go on under others; ``direction`` (S, 2)
+    ``reach_px`` (S, 2) how far beyond the tip the part could go on under others; ``sure`` (S, 2) False for
+    a tip that is half seen or found beyond a stretch that shows nothing, for which ``cautious_tips``
+    (S, 2, 2) and ``cautious_reach_px`` (S, 2) say where the part was last seen; ``direction`` (S, 2)
     unit from the first tip to the second; ``line_sigma_px`` (S, 2) across the axis at either tip;
-    ``width_px`` (S,); ``seen`` (S,) share of the length at which both flanks are seen;
-    ``middle_seen`` (S,) the same of the middle third.
+    ``width_px`` (S,); ``seen`` (S,) share of the length at which both flanks are seen.
     """
 
     tips: Floats
     kind: Ints
     tip_sigma_px: Floats
     reach_px: Floats
+    sure: Bools
+    cautious_tips: Floats
+    cautious_reach_px: Floats
     direction: Floats
     line_sigma_px: Floats
     width_px: Floats
     seen: Floats
-    middle_seen: Floats
 
     def __len__(self) -> int:
         return len(self.tips)
@@ -91,11 +95,13 @@ class _Row:
     tips: Floats
     kind: tuple[Tip, Tip]
     reach_px: tuple[float, float]
+    sure: tuple[bool, bool]
+    cautious_tips: Floats
+    cautious_reach_px: tuple[float, float]
     line_sigma_px: tuple[float, float]
     direction: Floats
     width_px: float
     seen: float
-    middle_seen: float
 
 
 def _describe(look: Look, run: Run, grow_px: float, longest_px: float) -> _Row | None:
@@ -105,30 +111,35 @@ def _describe(look: Look, run: Run, grow_px: float, longest_px: float) -> _Row |
     known = np.flatnonzero(both & (seen.along >= run.low - 0.5) & (seen.along <= run.high + 0.5))
     if len(known) < 3:
         return None
-    reach = round(max(3.0, 6.0 * look.width_px))
+    reach = max(3.0, 6.0 * look.width_px)
     need = round(max(4.0, 0.8 * look.width_px))
     dark = round(max(2.0, SHADOW_WIDTHS * look.width_px))
     inner, outer = int(known[0]), int(known[-1])
-    last = _grow(both, seen.on, outer, max(outer, inner + round(longest_px)), reach, need, dark)
-    first = _grow(both, seen.on, inner, min(inner, last - round(longest_px)), reach, need, dark)
-    tips, kinds, reaches = [], [], []
-    for inner, sign in ((first, -1), (last, 1)):
-        place, kind, beyond = _tip(look, run, seen, inner, sign)
+    last = _grow(seen, outer, max(outer, inner + round(longest_px)), reach, need, dark)
+    first = _grow(seen, inner, min(inner, last - round(longest_px)), reach, need, dark)
+    tips, kinds, reaches, sure, cautious, cautious_reaches = [], [], [], [], [], []
+    for known_end, grown_end, sign in ((inner, first, -1), (outer, last, 1)):
+        place, kind, beyond = _tip(look, run, seen, grown_end, sign)
         tips.append(place)
         kinds.append(kind)
         reaches.append(beyond)
+        # without the jumps over stretches that show nothing
+        plain_end = _grow(seen, known_end, grown_end, 0.0, need, dark)
+        sure.append(plain_end == grown_end and kind != Tip.HALF)
+        cautious.append(float(seen.along[plain_end]))
+        cautious_reaches.append(_possible_px(seen, run, plain_end, sign))
     inside = both[first : last + 1]
-    third = len(inside) // 3
-    middle = inside[third : len(inside) - third]
     return _Row(
         tips=run.at(np.array(tips)),
         kind=(kinds[0], kinds[1]),
         reach_px=(reaches[0], reaches[1]),
+        sure=(sure[0], sure[1]),
+        cautious_tips=run.at(np.array(cautious)),
+        cautious_reach_px=(cautious_reaches[0], cautious_reaches[1]),
         line_sigma_px=(_sigma_at(run.line, tips[0]), _sigma_at(run.line, tips[1])),
         direction=run.line.direction,
         width_px=run.width_px,
         seen=float(inside.mean()),
-        middle_seen=float(middle.mean()) if len(middle) else 0.0,
     )
 
 
@@ -136,23 +147,29 @@ def _sigma_at(line: Line, along: float) -> float:
     return float(np.sqrt(0.1**2 + line.sigma_px**2 + (line.sigma_rad * along) ** 2))
 
 
-def _grow(both: Bools, on: Bools, at: int, stop: int, reach: int, need: int, dark: int) -> int:
+def _grow(seen: Evidence, at: int, stop: int, reach: float, need: int, dark: int) -> int:
     """Outermost sample still of this part: through foreground, to where both flanks are seen again.
 
-    Not beyond `stop`; over at most `reach` samples without both flanks, `dark` of them background, and
-    only to where both flanks are seen for `need` samples on end.
+    Not beyond `stop`; blind for at most `reach` samples, of which one with a single flank counts less,
+    with at most `dark` of background on end, and only to where both flanks are seen for `need` samples.
     """
+    both = (seen.has_low & seen.has_high & seen.on).tolist()
+    single = (seen.has_low | seen.has_high).tolist()
+    on = seen.on.tolist()
     sign = 1 if stop >= at else -1
     best = at
     run = missing = 0
+    blind = 0.0
     for here in range(at + sign, min(max(stop, -1), len(both)) if sign > 0 else max(stop, -1), sign):
         missing = 0 if on[here] else missing + 1
-        if missing > dark or abs(here - best) > reach + need:
-            break
         run = run + 1 if both[here] else 0
+        blind += 0.0 if both[here] else (SINGLE_FLANK_BLINDNESS if single[here] else 1.0)
+        if missing > dark or blind > reach:
+            break
         if run >= need or (run > 0 and abs(here - best) == run):
             best = here
             run = 0
+            blind = 0.0
     return best
 
 
@@ -161,8 +178,7 @@ def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[f
     width = run.width_px
     outwards = seen.on[inner:] if sign > 0 else seen.on[inner::-1]
     beyond = _foreground_run(outwards, 0)
-    # the part could go on under others, and through their shadows
-    reach = _foreground_run(outwards, round(SHADOW_WIDTHS * width)) + 0.5 * width
+    reach = _possible_px(seen, run, inner, sign)
     start = float(seen.along[inner])
     guess = start + sign * min(beyond, 0.5 * width)
     axis = sign * run.line.direction
@@ -191,6 +207,12 @@ def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[f
     return start, Tip.HIDDEN, reach
 
 
+def _possible_px(seen: Evidence, run: Run, inner: int, sign: int) -> float:
+    """How far the part could go on beyond a sample, under others and through their shadows."""
+    outwards = seen.on[inner:] if sign > 0 else seen.on[inner::-1]
+    return _foreground_run(outwards, round(SHADOW_WIDTHS * run.width_px)) + 0.5 * run.width_px
+
+
 def _foreground_run(on: Bools, dark: int) -> float:
     """How far foreground goes on from the first sample, over at most `dark` samples of background."""
     last = missing = 0
@@ -203,13 +225,14 @@ def _foreground_run(on: Bools, dark: int) -> float:
     return float(last)
 
 
-def with_hidden_halves(strands: Strands) -> Strands:
-    """The same strands, taking no tip for seen that is only half seen."""
-    half = strands.kind == Tip.HALF
+def cautious(strands: Strands) -> Strands:
+    """The same strands with every tip that is not sure taken back to where the part was last seen."""
     return replace(
         strands,
-        kind=read_only(np.where(half, int(Tip.HIDDEN), strands.kind)),
-        tip_sigma_px=read_only(np.where(half, HIDDEN_TIP_PX, strands.tip_sigma_px)),
+        tips=read_only(np.where(strands.sure[:, :, None], strands.tips, strands.cautious_tips)),
+        kind=read_only(np.where(strands.sure, strands.kind, int(Tip.HIDDEN))),
+        tip_sigma_px=read_only(np.where(strands.sure, strands.tip_sigma_px, HIDDEN_TIP_PX)),
+        reach_px=read_only(np.where(strands.sure, strands.reach_px, strands.cautious_reach_px)),
     )
 
 
@@ -221,11 +244,15 @@ def _columns(rows: list[_Row]) -> Strands:
         kind=read_only(kind),
         tip_sigma_px=read_only(sigma),
         reach_px=read_only(np.array([row.reach_px for row in rows], np.float64).reshape(-1, 2)),
+        sure=read_only(np.array([row.sure for row in rows], np.bool_).reshape(-1, 2)),
+        cautious_tips=read_only(np.array([row.cautious_tips for row in rows], np.float64).reshape(-1, 2, 2)),
+        cautious_reach_px=read_only(
+            np.array([row.cautious_reach_px for row in rows], np.float64).reshape(-1, 2)
+        ),
         direction=read_only(np.array([row.direction for row in rows], np.float64).reshape(-1, 2)),
         line_sigma_px=read_only(np.array([row.line_sigma_px for row in rows], np.float64).reshape(-1, 2)),
         width_px=read_only(np.array([row.width_px for row in rows], np.float64)),
         seen=read_only(np.array([row.seen for row in rows], np.float64)),
-        middle_seen=read_only(np.array([row.middle_seen for row in rows], np.float64)),
     )
 
 
@@ -240,17 +267,23 @@ def _without_doubles(strands: Strands, width_px: float) -> Strands:
             continue
         if not _lies_within(strands, number, kept, width_px):
             kept.append(number)
-    rows = np.array(sorted(kept), np.int64)
+    return rows_of(strands, np.array(sorted(kept), np.int64))
+
+
+def rows_of(strands: Strands, rows: Ints) -> Strands:
+    """Some strands of many."""
     return Strands(
         tips=read_only(strands.tips[rows]),
         kind=read_only(strands.kind[rows]),
         tip_sigma_px=read_only(strands.tip_sigma_px[rows]),
         reach_px=read_only(strands.reach_px[rows]),
+        sure=read_only(strands.sure[rows]),
+        cautious_tips=read_only(strands.cautious_tips[rows]),
+        cautious_reach_px=read_only(strands.cautious_reach_px[rows]),
         direction=read_only(strands.direction[rows]),
         line_sigma_px=read_only(strands.line_sigma_px[rows]),
         width_px=read_only(strands.width_px[rows]),
         seen=read_only(strands.seen[rows]),
-        middle_seen=read_only(strands.middle_seen[rows]),
     )
 
 

@@ -12,9 +12,9 @@ from vision.look import Look
 from vision.match import Placed, match
 from vision.reconstruct_lines import level_of_table
 from vision.stereo import Side, rectification
-from vision.strands import Strands, find_strands
+from vision.strands import Strands, find_strands, rows_of
 from vision.thin import guo_hall
-from vision.types import Grey, Ints, PartModel, read_only
+from vision.types import Grey, PartModel
 
 ROD = PartModel(code=1, name="rod", length_m=0.1, length_tolerance_m=0.004, diameter_m=0.004)
 RECT = rectification(rig())
@@ -33,20 +33,6 @@ def seen(grey: Grey, side: Side) -> tuple[Look, Strands]:
     )
     pieces = straight_pieces(prune(trace(guo_hall(found.mask)), 8.0), 1.4, 4.4, 5.7)
     return look, find_strands(look, pieces, 86.0, 157.0)
-
-
-def reordered(strands: Strands, order: Ints) -> Strands:
-    return Strands(
-        tips=read_only(strands.tips[order]),
-        kind=read_only(strands.kind[order]),
-        tip_sigma_px=read_only(strands.tip_sigma_px[order]),
-        reach_px=read_only(strands.reach_px[order]),
-        direction=read_only(strands.direction[order]),
-        line_sigma_px=read_only(strands.line_sigma_px[order]),
-        width_px=read_only(strands.width_px[order]),
-        seen=read_only(strands.seen[order]),
-        middle_seen=read_only(strands.middle_seen[order]),
-    )
 
 
 def worst_m(placed: Placed, sticks: list[Stick]) -> float:
@@ -85,7 +71,7 @@ def test_the_order_of_strands_does_not_matter() -> None:
     order = np.array([3, 0, 4, 2, 1])
 
     first, _ = match(strands_l, strands_r, (look_l, look_r), LEVEL, ROD)
-    second, _ = match(strands_l, reordered(strands_r, order), (look_l, look_r), LEVEL, ROD)
+    second, _ = match(strands_l, rows_of(strands_r, order), (look_l, look_r), LEVEL, ROD)
 
     assert dict(zip(first.left, first.right, strict=True)) == {
         a: order[b] for a, b in zip(second.left, second.right, strict=True)

@@ -53,11 +53,13 @@ def strands(sticks: list[Stick], side: int, width_px: float = 5.7, kind: Tip = T
         kind=np.full((count, 2), kind, np.int64),
         tip_sigma_px=np.full((count, 2), 0.4),
         reach_px=np.zeros((count, 2)),
+        sure=np.ones((count, 2), np.bool_),
+        cautious_tips=tips,
+        cautious_reach_px=np.zeros((count, 2)),
         direction=way / np.linalg.norm(way, axis=1, keepdims=True),
         line_sigma_px=np.full((count, 2), 0.1),
         width_px=np.full(count, width_px),
         seen=np.ones(count),
-        middle_seen=np.ones(count),
     )
 
 

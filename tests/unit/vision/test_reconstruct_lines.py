@@ -33,11 +33,13 @@ def strand(ends: Floats, hidden: tuple[bool, bool] = (False, False)) -> Strands:
         kind=np.array([kind], np.int64),
         tip_sigma_px=np.array([[30.0 if h else 0.4 for h in hidden]]),
         reach_px=np.array([[50.0 if h else 0.0 for h in hidden]]),
+        sure=np.ones((1, 2), np.bool_),
+        cautious_tips=ends[None],
+        cautious_reach_px=np.zeros((1, 2)),
         direction=(way / np.linalg.norm(way))[None],
         line_sigma_px=np.full((1, 2), 0.1),
         width_px=np.array([5.7]),
         seen=np.ones(1),
-        middle_seen=np.ones(1),
     )
 
 
