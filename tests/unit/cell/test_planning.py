@@ -175,7 +175,7 @@ def test_a_part_that_lies_against_another_is_not_mistaken_for_it() -> None:
 
 
 def test_a_neighbour_beside_the_middle_moves_the_grip_along_the_part() -> None:
-    beside = lying(0.005, -0.45 + 0.012, math.pi / 2, length=0.010)  # in the way of one finger
+    beside = lying(0.0055, -0.45 + 0.012, math.pi / 2, length=0.010)  # in the way of one finger
     pick = only_pick(stick(*lying(0.0, -0.45, 0.0)), stick(*beside))
     assert (pick.grasp.x, pick.grasp.y) == pytest.approx((-0.002, -0.45))
     assert pick.clearance_m >= JAWS.min_clearance_m
@@ -207,7 +207,7 @@ def test_a_part_higher_than_the_descent_is_still_in_the_way_of_the_fingers() -> 
 
 def test_refused_candidates_are_obstacles_too() -> None:
     bad = Refused(reason=Refusal.CROSSED, value=1.0, limit=0.0, unit="1")
-    beside = lying(0.005, -0.45 + 0.012, math.pi / 2, length=0.010)
+    beside = lying(0.0055, -0.45 + 0.012, math.pi / 2, length=0.010)
     pick = only_pick(stick(*lying(0.0, -0.45, 0.0)), stick(*beside, refusals=(bad,)))
     assert pick.grasp.x == pytest.approx(-0.002)
 
