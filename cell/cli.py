@@ -82,7 +82,7 @@ def _check(path: Path) -> int:
 
     loaded = config.load(path)
     known = wiring.check(loaded, str(path))
-    Console().print(
+    Console(soft_wrap=True).print(
         f"{path}: good. Cell {loaded.name}, {len(loaded.parts)} part(s); calibration {known.path} "
         f"(units {known.units}).",
         highlight=False,

@@ -13,8 +13,10 @@ import selectors
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import IO, Final, TypeAlias
 
 import yaml
@@ -154,14 +156,27 @@ def demo(config: Path, out: Path, *, sticks: int, seed: int, speed: float, deadl
         if not needed.is_file():
             raise UsageError(f"{needed}: not found; run the demo in the checkout, or give --config")
     _clear(out)
-    console = Console(highlight=False)
+    console = Console(highlight=False, soft_wrap=True)
     children: list[_Child] = []
+    asked = _asked_to_end()
     try:
-        return _play(config, world, out, console, children, sticks, seed, speed, deadline_s)
+        return _play(config, world, out, console, children, asked, sticks, seed, speed, deadline_s)
     finally:
         for child in reversed(children):
             child.end(_END_S)
             child.log.close()
+
+
+def _asked_to_end() -> threading.Event:
+    """Set by SIGTERM or Ctrl-C: the children must not outlive the demo."""
+    asked = threading.Event()
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        asked.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, ask)
+    return asked
 
 
 def _play(
@@ -170,6 +185,7 @@ def _play(
     out: Path,
     console: Console,
     children: list[_Child],
+    asked: threading.Event,
     sticks: int,
     seed: int,
     speed: float,
@@ -185,14 +201,14 @@ def _play(
             *("--speed", str(speed), "--seed", str(seed), "--sticks", str(sticks)),
         ],
     )
-    sim_port = _port(sim, clock)
+    sim_port = _port(sim, clock, asked)
     plc = _start(
         "plc",
         out,
         children,
         ["drivers.sim.plc", "--port", "0", "--orders", "until-empty", "--out", str(out / "plc.json")],
     )
-    plc_port = _port(plc, clock)
+    plc_port = _port(plc, clock, asked)
     own = _own_config(config, out, sim_port, plc_port)
     console.print(
         f"simulated cell on port {sim_port} ({sticks} sticks, seed {seed}, time x{speed:g}), "
@@ -201,7 +217,7 @@ def _play(
     began_at = clock.now()
     daemon = _start("daemon", out, children, ["cell", "run", str(own), "--json"], merge=True)
     story = _Story(console=console, sticks=sticks)
-    failed = _follow(story, daemon, plc, sim, clock, began_at + deadline_s)
+    failed = _follow(story, daemon, plc, sim, clock, asked, began_at + deadline_s)
     if failed is not None:
         console.print(f"[red]{failed}[/red]; see {out}/*.log")
     daemon_code = daemon.end(_END_S)
@@ -235,18 +251,20 @@ def _start(name: str, out: Path, children: list[_Child], module: list[str], *, m
     return child
 
 
-def _port(child: _Child, clock: MonotonicClock) -> int:
+def _port(child: _Child, clock: MonotonicClock, asked: threading.Event) -> int:
     """The port a simulated device says it listens on."""
     until = clock.now() + _START_S
     with selectors.DefaultSelector() as selector:
         assert child.process.stdout is not None
         selector.register(child.process.stdout, selectors.EVENT_READ)
-        while clock.now() < until and not child.over:
+        while clock.now() < until and not child.over and not asked.is_set():
             if selector.select(0.2):
                 for line in child.read():
                     port = line.get("port")
                     if line.get("event") == "listening" and isinstance(port, int):
                         return port
+    if asked.is_set():
+        raise UsageError("asked to end before the demo had begun")
     raise UsageError(f"the {child.name} process did not start; see {child.log.name}")
 
 
@@ -269,7 +287,13 @@ def _own_config(config: Path, out: Path, sim_port: int, plc_port: int) -> Path:
 
 
 def _follow(
-    story: _Story, daemon: _Child, plc: _Child, sim: _Child, clock: MonotonicClock, until: float
+    story: _Story,
+    daemon: _Child,
+    plc: _Child,
+    sim: _Child,
+    clock: MonotonicClock,
+    asked: threading.Event,
+    until: float,
 ) -> str | None:
     """Show what happens until the PLC's program ends; otherwise what went wrong."""
     with selectors.DefaultSelector() as selector:
@@ -287,6 +311,9 @@ def _follow(
                         story.daemon(line)
                 if child.over:
                     selector.unregister(key.fileobj)
+            # Ctrl-C reaches the children as well, so ask this first
+            if asked.is_set():
+                return "asked to end"
             if plc.over:
                 return None
             for child in (daemon, sim):

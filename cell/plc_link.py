@@ -27,6 +27,8 @@ log = logger("plc")
 PERIOD_S: Final = 0.05
 _SLOWEST_RETRY_S: Final = 1.0
 _REMIND_S: Final = 30.0
+_LAST_WORDS: Final = 4
+"""Exchanges at the end: a result takes three (payload, number, valid), and a poll may have gone wrong."""
 
 
 class PlcLink:
@@ -166,20 +168,23 @@ class PlcLink:
             log.warning("event_dropped", cell_event=event.name)
 
     def _farewell(self) -> None:
-        """The cell thread has ended: publish its last result, ready and busy off.
+        """The cell thread has ended: publish its last result; ready is off, busy goes off with the last word.
 
-        A result takes three exchanges (payload, number, valid), and one more sends the last of them.
+        Not before: an accepted order without a result and without busy would break the contract.
         """
         if not self._opened:
             return
         inputs: PlcInputs | None = None
-        for _ in range(4):
+        for left in reversed(range(_LAST_WORDS)):
             now = self._stop.clock.now()
             finished = self._channels.results.take(0.0)
             step = handshake.step(self._memory, inputs, self._channels.report.get(), finished, now)
             self._memory = step.memory
             try:
-                inputs = self._plc.exchange(replace(step.outputs, ready=False, busy=False, moving=False))
+                outputs = replace(
+                    step.outputs, ready=False, moving=False, busy=step.outputs.busy and left > 0
+                )
+                inputs = self._plc.exchange(outputs)
             except DriverError as error:
                 log.warning("last_exchange_failed", detail=str(error))
                 return

@@ -1,0 +1,75 @@
+"""SIGTERM: the arm halts, the PLC gets its result, ready and busy go off, and all of it in five seconds."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.types import ResultCode
+from tests.fakes.simcell import SimCell, sim_cell
+from tests.system.processes import SPEED, HandPlc, daemon, hand_plc, orders, until, write_config
+
+STOPPED = 2
+
+
+@pytest.fixture(scope="module")
+def cell() -> Iterator[SimCell]:
+    with sim_cell("--speed", SPEED, "--seed", "7", "--sticks", "3") as running:
+        yield running
+
+
+@pytest.fixture
+def plc() -> Iterator[HandPlc]:
+    with hand_plc() as running:
+        yield running
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_asked_to_end_in_the_middle_of_a_pick(
+    tmp_path: Path, cell: SimCell, plc: HandPlc, number: signal.Signals
+) -> None:
+    config = write_config(tmp_path, cell.port, plc.port)
+    with daemon(config) as running:
+        running.started()
+        plc.enable()
+        plc.change(speed_percent=15)
+        sequence = plc.order()
+        running.wait_for("stage_begun", stage="fetch")
+        until(lambda: cell.ask("status").flag("arm_moving"), 2.0, "the arm moves")
+        running.signal(number)
+        assert running.process.wait(5.0) == 0
+
+        assert not cell.ask("status").flag("arm_moving")
+        last = plc.status
+        assert (last.result_seq, last.result_code, last.result_valid) == (sequence, ResultCode.ABORTED, True)
+        assert (last.ready, last.busy, last.moving, last.state) == (False, False, False, STOPPED)
+        assert [(row.seq, row.code) for row in orders(tmp_path)] == [(sequence, ResultCode.ABORTED)]
+        assert plc.violations == []
+        running.wait_for("daemon_ended", 1.0, failed=False)
+
+    # the next start brings the same result again, because the PLC has not taken it yet, and no 42
+    with daemon(config) as running:
+        assert plc.result(sequence, 30.0).result_code == ResultCode.ABORTED
+        assert plc.violations == []
+
+
+def test_asked_to_end_while_nothing_goes_on(tmp_path: Path, cell: SimCell, plc: HandPlc) -> None:
+    config = write_config(tmp_path, cell.port, plc.port)
+    with daemon(config) as running:
+        running.started()
+        plc.enable()
+        code, took_s = running.terminate()
+        assert (code, plc.status.ready, plc.status.busy) == (0, False, False)
+        assert took_s < 2.0
+        assert plc.violations == []
+
+
+def test_asked_to_end_before_it_is_ready(tmp_path: Path, cell: SimCell, plc: HandPlc) -> None:
+    """The service manager may change its mind while the detector still warms up."""
+    config = write_config(tmp_path, cell.port, plc.port)
+    with daemon(config) as running:
+        running.wait_for("daemon_started")
+        assert running.terminate()[0] == 0
