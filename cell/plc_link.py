@@ -70,7 +70,7 @@ class PlcLink:
             while True:
                 began_at = clock.now()
                 self._beat()
-                self._turn()
+                self.turn()
                 spent_s = clock.now() - began_at
                 self._stop.wait(max(0.0, self._pause_s() - spent_s))
         except StopRequested:
@@ -87,7 +87,8 @@ class PlcLink:
             return PERIOD_S
         return min(_SLOWEST_RETRY_S, PERIOD_S * 2.0 ** min(self._failures, 8))
 
-    def _turn(self) -> None:
+    def turn(self) -> None:
+        """One exchange and one step of the handshake."""
         inputs = self._exchange()
         # after the exchange: a failed one takes its whole time limit, which counts as silence
         now = self._stop.clock.now()
