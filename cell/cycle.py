@@ -111,6 +111,7 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
     """One look and one pick."""
     clear_at = _move_clear(station, order, stop, times)
     look = _look(station, order, clear_at, times)
+    station.missed.new_look()
     chosen, unreachable = _choose(station, look.plans)
     refused = [*(why for plan in look.plans for why in plan.refused), *unreachable]
     station.looked(look)
@@ -122,8 +123,10 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
         _hover(station, chosen, order, stop, times)
         return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     code = _fetch(station, chosen, order, stop, times)
-    outcome = Outcome.PICKED if code is ResultCode.OK else Outcome.MISSED
-    return _report(order, look, chosen, refused, code, outcome)
+    if code is not ResultCode.OK:
+        station.missed.remember(chosen.grasp)
+        return _report(order, look, chosen, refused, code, Outcome.MISSED)
+    return _report(order, look, chosen, refused, code, Outcome.PICKED)
 
 
 # --------------------------------------------------------------------------- look, find, plan
@@ -188,9 +191,12 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
 
 
 def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
-    """The first pick the arm can reach, and a refusal for each before it that it cannot."""
+    """The first pick the arm can reach, and a refusal for each before it that it cannot.
+
+    Where a grip failed lately comes last: the same picture gives the same mistake.
+    """
     refused: list[PlanRefused] = []
-    for plan in plans:
+    for plan in sorted(plans, key=lambda p: p.pick is not None and station.missed.holds(p.pick.grasp)):
         if plan.pick is None:
             continue
         if all(

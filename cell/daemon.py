@@ -7,10 +7,7 @@ let the PLC thread publish that, then close. All within five seconds.
 from __future__ import annotations
 
 import signal
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 from cell import config as configuration
@@ -32,6 +29,7 @@ from vision.default import warm_up
 
 log = logger("daemon")
 
+_ENDING: Final = (signal.SIGTERM, signal.SIGINT)
 _TICK_S: Final = 0.5
 _CELL_LIMIT_S: Final = 6.0
 """Longest the cell thread may go without waiting on its token: one look and one detection."""
@@ -49,22 +47,18 @@ def run(config_path: Path) -> int:
         Before anything is opened.
     """
     config = configuration.load(config_path)
-    asked = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, _setter(asked))
     journal = Journal(config.files.journal)
     journal.open()
     try:
-        return _Daemon(config, config_path, journal).run(asked)
+        daemon = _Daemon(config, config_path, journal)
+        log.info("detector_warming_up")
+        warm_up()  # may take seconds; nothing is open yet, so a signal may simply end the process
+        # From here on signals are waited for and not handled: a handler that sets an event can meet its
+        # own thread inside that event's lock. Threads started later inherit the mask.
+        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        return daemon.run()
     finally:
         journal.close()
-
-
-def _setter(event: threading.Event) -> Callable[[int, FrameType | None], None]:
-    def set_event(_number: int, _frame: FrameType | None) -> None:
-        event.set()
-
-    return set_event
 
 
 class _Daemon:
@@ -141,18 +135,16 @@ class _Daemon:
 
     # ------------------------------------------------------------------ life
 
-    def run(self, asked: threading.Event) -> int:
+    def run(self) -> int:
         """Start everything, feed the watchdog while all make progress, end everything."""
         self._cell_journal.open()
-        log.info("detector_warming_up")
-        warm_up()
         for worker in self._all():
             worker.beat()
             self._workers.start(worker)
         self._notifier.ready("running")
         failure: tuple[str, BaseException] | None = None
         told = ""
-        while not asked.wait(_TICK_S):
+        while signal.sigtimedwait(_ENDING, _TICK_S) is None:
             failure = self._workers.failure()
             if failure is not None:
                 break

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from cell.config import CamerasConfig, JawsConfig, MotionConfig, PartConfig, WorkspaceConfig
+from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.planning import Plan
 from cell.types import PickOrder
@@ -67,6 +68,7 @@ class Station:
     motion: MotionConfig
     clock: Clock
     pictures: PictureCheck
+    missed: MissedParts
     progress: Callable[[Stage], None]
     looked: Callable[[Look], None]
 

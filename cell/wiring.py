@@ -9,6 +9,7 @@ from cell import calibration
 from cell.calibration import Calibration
 from cell.config import CellConfig
 from cell.errors import CalibrationError, ConfigError
+from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
@@ -89,6 +90,7 @@ def build(
         motion=config.motion,
         clock=cell_clock,
         pictures=PictureCheck(),
+        missed=MissedParts(),
         progress=progress,
         looked=looked,
     )

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from cell import calibration, config
+from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from cell.types import PickOrder
@@ -120,6 +121,7 @@ def bench(pictures: int = 1) -> Bench:
             motion=settings.motion,
             clock=clock,
             pictures=PictureCheck(),
+            missed=MissedParts(),
             progress=stages.append,
             looked=looks.append,
         ),
