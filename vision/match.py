@@ -7,7 +7,7 @@ both masks and priced; the cheapest consistent set of pairs wins (linear assignm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -25,6 +25,8 @@ SLACK_PX = 2.0
 """A completed end may miss the place its picture allows by this much."""
 OFF_MASK_COST = 150.0
 COMPLETED_COST = 5.0
+DOUBT_COST = 6.0
+"""A completed end, and a reading that takes a tip for wrong, must earn this much elsewhere."""
 SAMPLES = 48
 
 
@@ -73,11 +75,16 @@ def match(
     """
     pairs, flipped = _possible(left, right, level, looks[0].rect, part)
     placed = _place(left, right, pairs, flipped, looks, level, part)
-    doubtful = ~(left.sure[pairs[:, 0]].all(axis=1) & right.sure[pairs[:, 1]].all(axis=1))
-    if doubtful.any():
-        taken_back = cautious(left), cautious(right)
-        again = _place(*taken_back, pairs[doubtful], flipped[doubtful], looks, level, part)
-        placed = _both(placed, again)
+    doubt_l = ~left.sure[pairs[:, 0]].all(axis=1)
+    doubt_r = ~right.sure[pairs[:, 1]].all(axis=1)
+    for one, other, doubtful in (
+        (cautious(left), right, doubt_l),
+        (left, cautious(right), doubt_r),
+        (cautious(left), cautious(right), doubt_l & doubt_r),
+    ):
+        if doubtful.any():
+            again = _place(one, other, pairs[doubtful], flipped[doubtful], looks, level, part)
+            placed = _both(placed, replace(again, cost=read_only(again.cost + DOUBT_COST)))
     cheap = placed.cost < UNMATCHED_COST
     cost = np.full((len(left), len(right) + len(left)), 10 * UNMATCHED_COST)
     which = np.full((len(left), len(right)), -1, np.int64)

@@ -124,7 +124,7 @@ def _describe(look: Look, run: Run, grow_px: float, longest_px: float) -> _Row |
         kinds.append(kind)
         reaches.append(beyond)
         # without the jumps over stretches that show nothing
-        plain_end = _grow(seen, known_end, grown_end, 0.0, need, dark)
+        plain_end = _grow(seen, known_end, grown_end, 0.5 * look.width_px, need, 1)
         sure.append(plain_end == grown_end and kind != Tip.HALF)
         cautious.append(float(seen.along[plain_end]))
         cautious_reaches.append(_possible_px(seen, run, plain_end, sign))
