@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Final
 
 from cell import handshake
-from cell.handshake import Memory, PlcEvent
+from cell.handshake import Memory, PlcEvent, Publication
 from cell.journal import Journal
 from cell.logs import logger
 from cell.loop import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
@@ -102,7 +102,7 @@ class PlcLink:
             self._channels.inbox.put(Ticket(order=step.order, stop=self._running))
             log.info("order_accepted", request_id=step.order.request_id, command=step.order.command.name)
         self._memory, self._outputs = step.memory, step.outputs
-        self._note_acknowledge(inputs)
+        self._note_acknowledge()
 
     def _exchange(self) -> PlcInputs | None:
         try:
@@ -129,13 +129,13 @@ class PlcLink:
         self._failures = 0
         return inputs
 
-    def _note_acknowledge(self, inputs: PlcInputs | None) -> None:
-        if inputs is None or inputs.result_ack_seq in (0, self._acknowledged):
-            return
-        if inputs.result_ack_seq == self._outputs.result_seq:
-            self._acknowledged = inputs.result_ack_seq
-            self._journal.acknowledge(self._acknowledged)
-            log.info("result_acknowledged", request_id=self._acknowledged)
+    def _note_acknowledge(self) -> None:
+        """The handshake says when: a number the PLC shows before the result was valid does not count."""
+        taken = self._memory.published_seq
+        if self._memory.publication is Publication.ACKNOWLEDGED and taken != self._acknowledged:
+            self._acknowledged = taken
+            self._journal.acknowledge(taken)
+            log.info("result_acknowledged", request_id=taken)
 
     def _pass_on(self, event: PlcEvent) -> None:
         log.info("plc_event", plc_event=event.name)
