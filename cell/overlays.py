@@ -41,7 +41,7 @@ class OverlayWriter:
         """Until the token fires; what waits is still written."""
         while True:
             self._beat()
-            look = self._waiting.take(0.2)
+            look = self._waiting.take(0.0 if self._stop.stopped else 0.2)
             if look is not None:
                 self._write(look)
             elif self._stop.stopped:
