@@ -23,8 +23,11 @@ TILT_SHARES = (0.3, 0.06)
 """Parts whose ends differ in height by more than the first share of their length are rare; the second is
 what is usual, and is believed where the pictures say next to nothing."""
 UNKNOWN_DISPARITY_PX = 1.5
-LANE_CAP = 0.9
-"""The end disc's outline is an ellipse; this is its mean height over the five lanes that find a tip."""
+CAP_AWAY, CAP_TOWARDS = 0.7, 0.35
+"""Where five lanes see an end, beyond the axis' end in units of ``R |cos(axis, ray)|``: for an end face that
+looks away from the camera its far rim, less what blur takes; for one that looks towards it something between
+the near rim of a dark face and the far rim of a bright one. Medians over 534 rendered tips, spread 0.17 px.
+"""
 DETERMINED_PX = 2.0
 """An end whose place along the axis is known better than this counts as seen."""
 
@@ -229,6 +232,7 @@ def _cap_px(found: Floats, rect: Rectification, radius_m: float) -> tuple[Floats
     for camera in (np.zeros(3), np.array([rect.baseline_m, 0.0, 0.0])):
         view = points - camera
         view = view / np.linalg.norm(view, axis=-1, keepdims=True)
-        cosine = np.abs(np.einsum("pek,pk->pe", view, axis))
-        caps.append(LANE_CAP * radius_m * rect.focal_px / depth * cosine)
+        away = np.einsum("pek,pk->pe", view, axis) * np.array([-1.0, 1.0])
+        reach = np.where(away > 0.0, CAP_AWAY * away, -CAP_TOWARDS * away)
+        caps.append(radius_m * rect.focal_px / depth * reach)
     return caps[0], caps[1]

@@ -18,7 +18,7 @@ from vision.look import Evidence, Look, Run, evidence, refine
 from vision.stereo import unrectify_points
 from vision.types import Bools, Floats, Ints, read_only
 
-FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.4, 0.9, 30.0
+FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.25, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
 SINGLE_FLANK_BLINDNESS = 0.4
 DOUBT_WIDTHS = 3.0
