@@ -6,20 +6,18 @@ Exit codes: 0 done, 1 failed, 2 usage, 78 configuration or calibration unusable.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NoReturn, TypeVar
 
 from rich.console import Console
 
-from cell import logs
+from cell import logs, origin
 from cell.errors import CalibrationError, ConfigError, UsageError
-from cell.faults import PictureUnusable
-from drivers.errors import DriverError
-from vision.types import Tuning
 
 Number = TypeVar("Number", int, float)
 
@@ -33,18 +31,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; errors a person can act on become one line and an exit code."""
     arguments = parser().parse_args(argv)
     try:
+        origin.check()
+    except origin.ForeignPackage as error:
+        return _fail(error, EXIT_FAILED)
+    # only now: what `origin` has just refused could not even be imported
+    from cell.faults import PictureUnusable
+    from drivers.errors import DriverError
+
+    try:
         return _run(arguments)
     except (ConfigError, CalibrationError) as error:
         return _fail(error, EXIT_CONFIG)
-    except (UsageError, PictureUnusable) as error:
+    except UsageError as error:
         return _fail(error, EXIT_USAGE)
+    except PictureUnusable as error:
+        return _fail(f"{error}; check the camera, its light and its exposure", EXIT_USAGE)
     except DriverError as error:
         return _fail(error, EXIT_FAILED)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
 
 
-def _fail(error: Exception, code: int) -> int:
+def _fail(error: Exception | str, code: int) -> int:
     sys.stderr.write(f"mikado: {error}\n")
     return code
 
@@ -95,6 +103,7 @@ def _check(path: Path) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     from cell.commission import look
+    from vision.types import Tuning
 
     files = {
         "--left": arguments.left,
@@ -140,14 +149,21 @@ def _grey_value(text: str) -> int:
 
 def _positive(text: str) -> float:
     value = float(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"{value} is not above 0")
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
     return value
+
+
+class _Parser(argparse.ArgumentParser):
+    """What is wrong with a command line goes on one line, like every other error."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def parser() -> argparse.ArgumentParser:
     """The whole command line."""
-    root = argparse.ArgumentParser(
+    root = _Parser(
         prog="mikado",
         description="Robot cell controller that picks thin parts out of disorder. Not a safety device.",
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from cell import calibration
 from cell.calibration import Calibration
-from cell.config import CellConfig
+from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck
@@ -40,21 +41,21 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     calibration.fit(known, *size, f"the cameras of {config_path}")
     calibration.table_of(known, config.workspace.floor_z_m)
     for part in config.parts:
-        refuse_too_long(config, known, part.length_m, part.name)
+        _refuse_too_long(config, config_path, known, part)
     return known
 
 
-def refuse_too_long(config: CellConfig, known: Calibration, length_m: float, name: str) -> None:
+def _refuse_too_long(config: CellConfig, config_path: str, known: Calibration, part: PartConfig) -> None:
     """Raise `ConfigError` for a product that no picture of this cell can show whole."""
     table = calibration.table_of(known, config.workspace.floor_z_m)
     depth = config.tuning.depth_m or calibration.depth_bounds_m(known, table, config.tuning.height_m)
     seen = calibration.widest_view_m(known.stereo, depth[1])
-    if length_m > seen:
+    if part.length_m > seen:
         raise ConfigError(
-            config.files.calibration,
+            Path(config_path),
             None,
-            f"part {name}: length_m {length_m:.3f} is longer than the field of view "
-            f"({seen:.3f} m along the diagonal at {depth[1]:.3f} m); "
+            f"part {part.name}: length_m {part.length_m:.3f} is longer than the field of view "
+            f"({seen:.3f} m along the diagonal at {depth[1]:.3f} m, by {config.files.calibration}); "
             "use a wider lens, a greater distance, or correct length_m",
         )
 

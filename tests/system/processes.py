@@ -249,6 +249,13 @@ class HandPlc:
         self.change(enable=True)
         self.wait(lambda s: s.ready, "ready")
 
+    def reset(self) -> None:
+        """A rising edge of the reset bit, each level long enough to be read."""
+        for level in (False, True):
+            self.change(reset_fault=level)
+            seen = len(self.program.writes)
+            until(lambda seen=seen: len(self.program.writes) > seen + 1, 10.0, "the cell reads the reset bit")  # type: ignore[misc]
+
     def order(self, command: PlcCommand = PlcCommand.PICK_AND_PLACE, attempts: int = 3) -> int:
         """Payload first, then the next sequence number; does not wait."""
         self.sequence = next_sequence(self.sequence)

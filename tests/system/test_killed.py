@@ -4,31 +4,17 @@ learns exactly which order was cut short."""
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from drivers.types import PlcCommand, PlcOutputs, ResultCode
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import SPEED, Daemon, HandPlc, daemon, hand_plc, orders, until, write_config
+from tests.system.processes import SPEED, Daemon, HandPlc, daemon, orders, until, write_config
 
 INTERRUPTED = ResultCode.INTERRUPTED_BY_RESTART
 SLOW_PERCENT = 15
 """Slow enough that a motion takes longer than it takes the test to act on it."""
-
-
-@pytest.fixture
-def plc() -> Iterator[HandPlc]:
-    with hand_plc() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def cell() -> Iterator[SimCell]:
-    """One cell for all: what happened before a test is history it does not share in."""
-    with sim_cell("--speed", SPEED, "--seed", "7", "--sticks", "6") as running:
-        yield running
 
 
 def _rest(cell: SimCell) -> int:

@@ -6,71 +6,72 @@ from __future__ import annotations
 from pathlib import Path
 
 from drivers.types import ResultCode
-from tests.fakes.simcell import sim_cell
-from tests.system.processes import SPEED, daemon, free_port, hand_plc, orders, until, write_config
+from tests.fakes.simcell import SimCell
+from tests.system.processes import HandPlc, daemon, free_port, hand_plc, orders, until, write_config
 
 SUSPENDED = "SUSPENDED"
 
 
-def test_a_plc_that_comes_later_is_found_and_one_that_goes_stops_the_arm(tmp_path: Path) -> None:
+def test_a_plc_that_comes_later_is_found_and_one_that_goes_stops_the_arm(
+    tmp_path: Path, cell: SimCell
+) -> None:
     port = free_port()
-    with sim_cell("--speed", SPEED, "--seed", "7", "--sticks", "3") as cell:
-        config = write_config(tmp_path, cell.port, port)
-        with daemon(config) as running:
-            # nobody there: it waits in SUSPENDED, said so once, and hardly uses the processor
-            running.wait_for("state_changed", 30.0, after=SUSPENDED)
-            until(lambda: bool(running.events("plc_unreachable")), 3.0, "said that nobody is there")
-            assert running.cpu_fraction(2.0) < 0.20
-            assert len(running.events("plc_unreachable")) == 1
-            assert running.process.poll() is None
+    in_box = cell.count("in_box")
+    config = write_config(tmp_path, cell.port, port)
+    with daemon(config) as running:
+        # nobody there: it waits in SUSPENDED, said so once, and hardly uses the processor
+        running.wait_for("state_changed", 30.0, after=SUSPENDED)
+        until(lambda: bool(running.events("plc_unreachable")), 3.0, "said that nobody is there")
+        assert running.cpu_fraction(2.0) < 0.20
+        assert len(running.events("plc_unreachable")) == 1
+        assert running.process.poll() is None
 
-            with hand_plc(port) as plc:
-                running.wait_for("plc_reached", 5.0)
-                plc.enable()
-                plc.change(speed_percent=15)
-                sequence = plc.order()
-                running.wait_for("stage_begun", stage="fetch")
-                until(lambda: cell.ask("status").flag("arm_moving"), 2.0, "the arm moves")
-                violations = plc.violations
-            assert violations == []
-
-            # gone in the middle of a motion
-            running.wait_for("plc_event", 3.0, plc_event="LINK_LOST")
-            running.wait_for("pick_finished", 3.0, code=int(ResultCode.PLC_LINK_LOST))
-            assert not cell.ask("status").flag("arm_moving")
-            before = cell.count("motions")
-            assert [(row.seq, row.code) for row in orders(tmp_path)] == [(sequence, ResultCode.PLC_LINK_LOST)]
-            assert len(running.events("plc_unreachable")) == 2
-
-            with hand_plc(port) as plc:
-                # a PLC that has lost its memory: it shows no order, and takes the result all the same
-                got = plc.result(sequence, 10.0)
-                assert got.result_code == ResultCode.PLC_LINK_LOST
-                assert plc.status.fault_code == 0  # the link heals by itself: no reset is asked for
-                assert cell.count("motions") == before
-                plc.sequence = sequence
-                plc.enable()
-                assert plc.run().result_code == ResultCode.OK
-                assert cell.count("in_box") == 1
-                assert plc.violations == []
-
-
-def test_a_plc_whose_program_stands_counts_as_lost(tmp_path: Path) -> None:
-    """Its server still answers; its heartbeat does not count any more."""
-    with sim_cell("--speed", SPEED, "--seed", "7", "--sticks", "3") as cell, hand_plc() as plc:
-        config = write_config(tmp_path, cell.port, plc.port)
-        with daemon(config) as running:
-            running.started()
+        with hand_plc(port) as plc:
+            running.wait_for("plc_reached", 5.0)
             plc.enable()
-            plc.change(speed_percent=5)
+            plc.change(speed_percent=15)
             sequence = plc.order()
             running.wait_for("stage_begun", stage="fetch")
-            with plc.standing():
-                running.wait_for("plc_event", 4.0, plc_event="LINK_LOST")
-                running.wait_for("pick_finished", 3.0, code=int(ResultCode.PLC_LINK_LOST))
-                plc.wait(lambda s: not s.plc_link_ok, "told that it is not heard")
-            assert plc.result(sequence).result_code == ResultCode.PLC_LINK_LOST
-            # back, but not ready before enable has been low
-            assert not plc.wait(lambda s: s.plc_link_ok, "link up").ready
+            until(lambda: cell.ask("status").flag("arm_moving"), 2.0, "the arm moves")
+            violations = plc.violations
+        assert violations == []
+
+        # gone in the middle of a motion
+        running.wait_for("plc_event", 3.0, plc_event="LINK_LOST")
+        running.wait_for("pick_finished", 3.0, code=int(ResultCode.PLC_LINK_LOST))
+        assert not cell.ask("status").flag("arm_moving")
+        before = cell.count("motions")
+        assert [(row.seq, row.code) for row in orders(tmp_path)] == [(sequence, ResultCode.PLC_LINK_LOST)]
+        assert len(running.events("plc_unreachable")) == 2
+
+        with hand_plc(port) as plc:
+            # a PLC that has lost its memory: it shows no order, and takes the result all the same
+            got = plc.result(sequence, 10.0)
+            assert got.result_code == ResultCode.PLC_LINK_LOST
+            assert plc.status.fault_code == 0  # the link heals by itself: no reset is asked for
+            assert cell.count("motions") == before
+            plc.sequence = sequence
             plc.enable()
+            assert plc.run().result_code == ResultCode.OK
+            assert cell.count("in_box") == in_box + 1
             assert plc.violations == []
+
+
+def test_a_plc_whose_program_stands_counts_as_lost(tmp_path: Path, cell: SimCell, plc: HandPlc) -> None:
+    """Its server still answers; its heartbeat does not count any more."""
+    config = write_config(tmp_path, cell.port, plc.port)
+    with daemon(config) as running:
+        running.started()
+        plc.enable()
+        plc.change(speed_percent=5)
+        sequence = plc.order()
+        running.wait_for("stage_begun", stage="fetch")
+        with plc.standing():
+            running.wait_for("plc_event", 4.0, plc_event="LINK_LOST")
+            running.wait_for("pick_finished", 3.0, code=int(ResultCode.PLC_LINK_LOST))
+            plc.wait(lambda s: not s.plc_link_ok, "told that it is not heard")
+        assert plc.result(sequence).result_code == ResultCode.PLC_LINK_LOST
+        # back, but not ready before enable has been low
+        assert not plc.wait(lambda s: s.plc_link_ok, "link up").ready
+        plc.enable()
+        assert plc.violations == []
