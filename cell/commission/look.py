@@ -163,7 +163,9 @@ def look(sight: Sight, out: Path, console: Console) -> int:
     console.print(_table(scene, plans))
     console.print(
         f"{len(scene.offered)} offered, {len(scene.candidates) - len(scene.offered)} refused; "
-        f"method {scene.method}; {out / 'overlay.png'}, {out / 'look.json'}"
+        f"method {scene.method}; {out / 'overlay.png'}, {out / 'look.json'}",
+        soft_wrap=True,
+        markup=False,
     )
     return 0
 
