@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from vision import binarize, corners, graph, match_paper, reconstruct, retrieve, thin
+from vision import binarize, graph, match_paper, reconstruct, retrieve, thin
 from vision.foreground import stands_out
 from vision.lines import straight_pieces
 from vision.look import Look
 from vision.match import match
 from vision.offer import candidates
-from vision.published import ARM_PX, Observer, depth_gate_m, require_pictures
+from vision.published import LONGEST_TOPOLOGY_DETOUR, Observer, depth_gate_m, nodes_of_part, require_pictures
 from vision.reconstruct_lines import Level, level_of_depths, level_of_table
 from vision.stereo import Rectification, Side, rectification, rectify_points
 from vision.strands import Strands, find_strands
@@ -28,7 +28,6 @@ from vision.types import (
     Graph,
     Grey,
     Matches,
-    NodeKind,
     PartModel,
     Plane,
     Scene,
@@ -219,9 +218,10 @@ def _by_topology(
     depth_m: tuple[float, float],
     tell: Observer,
 ) -> Scene:
+    length_px = part.length_m * rect.focal_px / depth_m[0]
     graphs = [
-        _rectified(views[0].graph, part, rect, "left"),
-        _rectified(views[1].graph, part, rect, "right"),
+        _rectified(nodes_of_part(views[0].graph, part, length_px, tuning.spur_px), rect, "left"),
+        _rectified(nodes_of_part(views[1].graph, part, length_px, tuning.spur_px), rect, "right"),
     ]
     gates = match_paper.Gates(
         depth_m=depth_m,
@@ -233,15 +233,13 @@ def _by_topology(
     in_space = reconstruct.space_graph(graphs[0], graphs[1], matches, rect)
     segments = reconstruct.edge_segments(in_space)
     tell("reconstruct", segments)
-    offered = retrieve.retrieve_topology(in_space, part, tuning, table)
+    offered = retrieve.retrieve_topology(in_space, part, tuning, table, LONGEST_TOPOLOGY_DETOUR)
     tell("retrieve", offered)
     return _scene(offered, segments, views, matches)
 
 
-def _rectified(traced: Graph, part: PartModel, rect: Rectification, side: Side) -> Graph:
-    """The graph with all its points in rectified pixels, and with corners where the part has some."""
-    if part.topology is not None and NodeKind.CORNER in part.topology.kinds:
-        traced = corners.with_corners(traced, ARM_PX)
+def _rectified(traced: Graph, rect: Rectification, side: Side) -> Graph:
+    """The graph with all its points in rectified pixels."""
     counts = np.cumsum([0, *(len(path) for path in traced.paths)])
     moved = rectify_points(np.concatenate([*traced.paths, np.zeros((0, 2))]), rect, side)
     paths = [moved[a:b] for a, b in pairwise(counts.tolist())]
