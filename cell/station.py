@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from cell.config import CamerasConfig, JawsConfig, MotionConfig, PartConfig, WorkspaceConfig
+from cell.config import CamerasConfig, JawsConfig, LineConfig, MotionConfig, PartConfig, WorkspaceConfig
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.planning import Plan
@@ -89,18 +89,16 @@ class Station:
 
     def travel(self, speed_fraction: float) -> LineMotion:
         """Lines in free space."""
-        m = self.motion.travel
-        return LineMotion(
-            speed_m_s=m.speed_m_s * speed_fraction,
-            accel_m_s2=m.accel_m_s2,
-            timeout_s=m.timeout_s / speed_fraction,
-        )
+        return _slowed(self.motion.travel, speed_fraction)
 
     def approach(self, speed_fraction: float) -> LineMotion:
         """Lines near parts."""
-        m = self.motion.approach
-        return LineMotion(
-            speed_m_s=m.speed_m_s * speed_fraction,
-            accel_m_s2=m.accel_m_s2,
-            timeout_s=m.timeout_s / speed_fraction,
-        )
+        return _slowed(self.motion.approach, speed_fraction)
+
+
+def _slowed(line: LineConfig, speed_fraction: float) -> LineMotion:
+    return LineMotion(
+        speed_m_s=line.speed_m_s * speed_fraction,
+        accel_m_s2=line.accel_m_s2,
+        timeout_s=line.timeout_s / speed_fraction,
+    )
