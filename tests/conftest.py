@@ -1,4 +1,4 @@
-"""Rules for every test: no thread outlives it, and nothing is said to a host that is not this one."""
+"""Rules for every test: no thread outlives it, nobody else is talked to, logs are set up afresh."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+import structlog
 
 _END_S = 2.0
 """Threads that were told to end get this long to do so."""
@@ -26,6 +27,13 @@ def no_stray_threads() -> Iterator[None]:
     left = sorted(thread.name for thread in stray if thread.is_alive())
     if left:
         pytest.fail(f"threads left running: {', '.join(left)}")
+
+
+@pytest.fixture(autouse=True)
+def fresh_logging() -> Iterator[None]:
+    """Undo what a test set up for logs: its stream is closed when it ends."""
+    yield
+    structlog.reset_defaults()
 
 
 def is_local(family: int, address: object) -> bool:

@@ -154,6 +154,25 @@ def test_a_tool_left_among_the_parts_is_lifted_straight_up_first(see: Callable[.
     assert isinstance(second, JointAngles)
 
 
+def test_before_a_look_too_the_tool_leaves_the_parts_straight_up(see: Callable[..., Eyes]) -> None:
+    see(scene(FREE))
+    cell = bench().open()
+    cell.robot.tool = ToolPose(x=0.05, y=-0.4, z=0.03, rx=3.14159, ry=0.0, rz=0.0)
+    ran(cell, order(command=PlcCommand.VISION_ONLY))
+    lifted, watch = cell.robot.targets
+    assert lifted == ToolPose(x=0.05, y=-0.4, z=0.150, rx=3.14159, ry=0.0, rz=0.0)
+    assert isinstance(watch, JointAngles)
+
+
+def test_a_part_that_was_missed_is_tried_after_the_others(see: Callable[..., Eyes]) -> None:
+    see(scene(FREE, SECOND))
+    cell = bench(pictures=2).open()
+    cell.gripper.grasps = [Grip.CLOSED_EMPTY, Grip.HOLDING]
+    result = ran(cell, order(max_attempts=2))
+    assert result.outcome is Outcome.PICKED
+    assert [pose.y for pose in lines(cell)[::4]] == pytest.approx([-0.45, -0.38])
+
+
 # ------------------------------------------------------------------------------ pictures in time
 
 

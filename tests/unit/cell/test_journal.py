@@ -171,6 +171,24 @@ def test_the_number_of_a_start_fits_its_register_and_is_never_zero(journal: Jour
     assert [journal.boot(), journal.boot(), journal.boot()] == [65535, 1, 2]
 
 
+def test_every_commit_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # a power cut cannot be had in a test; that SQLite was told to survive one can be asked
+    opened: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def kept(path: Path, **options: object) -> sqlite3.Connection:
+        opened.append(connect(path, **options))  # type: ignore[call-overload]  # as the journal gave them
+        return opened[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", kept)
+    journal = Journal(tmp_path / "journal.sqlite")
+    journal.open()
+    full = 2
+    assert opened[0].execute("PRAGMA synchronous").fetchone() == (full,)
+    assert opened[0].execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    journal.close()
+
+
 def test_two_connections_see_each_others_rows(journal: Journal, tmp_path: Path) -> None:
     other = Journal(tmp_path / "state" / "journal.sqlite")
     other.open()

@@ -197,10 +197,10 @@ def test_a_part_above_is_in_the_way_of_the_hand() -> None:
     assert abs(pick.grasp.x) >= JAWS.width_m / 2 + DIAMETER_M / 2
 
 
-def test_a_part_higher_than_the_descent_is_still_in_the_way_of_the_fingers() -> None:
-    # higher than where the fingers' tips begin to descend, but the fingers are longer than that
-    height = WORKSPACE.approach_height_m + 0.5 * JAWS.depth_m
-    above = lying(0.0, -0.45 + 0.012, math.pi / 2, z=LYING_Z + height, length=0.004)
+@pytest.mark.parametrize("z", [0.10, WORKSPACE.travel_z_m + 0.5 * JAWS.depth_m])
+def test_a_part_higher_than_the_descent_is_still_in_the_way_of_the_fingers(z: float) -> None:
+    # above where the finger tips begin to descend, but the fingers reach up from there
+    above = lying(0.0, -0.45 + 0.012, math.pi / 2, z=z, length=0.004)
     pick = only_pick(stick(*lying(0.0, -0.45, 0.0)), stick(*above))
     assert abs(pick.grasp.x) >= JAWS.width_m / 2 + DIAMETER_M / 2
 
