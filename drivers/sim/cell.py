@@ -20,6 +20,7 @@ from pathlib import Path
 import yaml
 from pydantic import ValidationError
 
+from drivers.sim import arguments
 from drivers.sim.controller import Controller
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import calibration_text, eyes
@@ -53,13 +54,13 @@ def load_world(path: Path) -> WorldLayout:
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m drivers.sim.cell", description="The simulated cell.")
+    parser = arguments.Parser(prog="python -m drivers.sim.cell", description="The simulated cell.")
     parser.add_argument("--world", type=Path, required=True, metavar="FILE")
     parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=0, help="0: any free one")
-    parser.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second")
+    parser.add_argument("--port", type=arguments.port, default=0, help="0: any free one")
+    parser.add_argument("--speed", type=arguments.positive, default=1.0, help="simulated seconds per second")
     parser.add_argument("--seed", type=int, help="of the pile; default: the world file's")
-    parser.add_argument("--sticks", type=int, help="how many; default: the world file's")
+    parser.add_argument("--sticks", type=arguments.count, help="how many; default: the world file's")
     parser.add_argument(
         "--faults", default="", metavar="NAME[:EYE],...", help="from the start: " + ", ".join(FAULTS)
     )
@@ -98,9 +99,10 @@ def main(argv: list[str] | None = None) -> int:
     except (BadWorldFile, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return 78
-    if not options.speed > 0.0:
-        sys.stderr.write("--speed must be positive\n")
-        return 2
+    refused = arguments.refusal(options.host, options.port)
+    if refused is not None:
+        sys.stderr.write(f"simulated cell: {refused}\n")
+        return arguments.EXIT_USAGE
     asked_to_end = _ending_signals()
     seed = layout.seed if options.seed is None else options.seed
     controller = Controller(world, MonotonicClock(), options.speed, eyes(layout.cameras), seed)

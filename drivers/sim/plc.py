@@ -27,6 +27,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.plc_codec import WordOrder, decode_status, encode_command
 from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS
+from drivers.sim import arguments as cli
 from drivers.sim.plc_program import PlcProgram, Task, Value
 from drivers.timing import Clock, MonotonicClock
 
@@ -152,6 +153,13 @@ def write_summary(path: Path, program: PlcProgram) -> None:
     partial.replace(path)
 
 
+def _unwritable(path: Path | None) -> str | None:
+    """Why no summary could be written there, known before the run and not after it."""
+    if path is None or (path.parent.is_dir() and os.access(path.parent, os.W_OK) and not path.is_dir()):
+        return None
+    return f"--out {path}: no file can be written there; give a file in a folder that exists"
+
+
 async def serve(program: PlcProgram, server: RegisterServer, clock: Clock, out: Path | None) -> int:
     """Scan until the program has ended or a signal comes; returns the exit code."""
     lines = Lines()
@@ -186,31 +194,53 @@ def _orders(text: str) -> int | None:
     return int(text)
 
 
+def _base(text: str) -> int:
+    base = cli.word(text)
+    if base + STATUS_WORDS > 65535:
+        raise argparse.ArgumentTypeError(f"a block at {text} does not end below register 65535")
+    return base
+
+
 def arguments(argv: Sequence[str]) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m drivers.sim.plc", description="A PLC that orders picks.")
+    parser = cli.Parser(prog="python -m drivers.sim.plc", description="A PLC that orders picks.")
     parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=0, help="0: any free one, see the first line printed")
+    parser.add_argument(
+        "--port", type=cli.port, default=0, help="0: any free one, see the first line printed"
+    )
     parser.add_argument("--orders", type=_orders, default=None, metavar="N|until-empty")
     parser.add_argument("--out", type=Path, help="write a JSON summary here at the end")
-    parser.add_argument("--command", type=int, default=3, help="cmd_code of the orders (3 pick and place)")
-    parser.add_argument("--part", type=int, default=1, help="part code")
-    parser.add_argument("--attempts", type=int, default=3)
-    parser.add_argument("--speed-percent", type=int, default=0, help="0: the cell's default")
-    parser.add_argument("--pause-s", type=float, default=0.0, help="pause between two orders")
     parser.add_argument(
-        "--deadline-s", type=float, default=60.0, help="longest wait for ready, and per order"
+        "--command", type=cli.word, default=3, help="cmd_code of the orders (3 pick and place)"
+    )
+    parser.add_argument("--part", type=cli.word, default=1, help="part code")
+    parser.add_argument("--attempts", type=cli.word, default=3)
+    parser.add_argument("--speed-percent", type=cli.word, default=0, help="0: the cell's default")
+    parser.add_argument("--pause-s", type=cli.not_negative, default=0.0, help="pause between two orders")
+    parser.add_argument(
+        "--deadline-s", type=cli.positive, default=60.0, help="longest wait for ready, and per order"
     )
     parser.add_argument("--crc", action="store_true", help="write the check word")
     parser.add_argument("--word-order", choices=("big", "little"), default="big")
-    parser.add_argument("--command-base", type=int, default=0)
-    parser.add_argument("--status-base", type=int, default=100)
-    return parser.parse_args(argv)
+    parser.add_argument("--command-base", type=_base, default=0)
+    parser.add_argument("--status-base", type=_base, default=100)
+    options = parser.parse_args(argv)
+    first, second = sorted(
+        ((options.command_base, COMMAND_WORDS), (options.status_base, STATUS_WORDS)),
+        key=lambda block: block[0],
+    )
+    if first[0] + first[1] > second[0]:
+        parser.error(f"the blocks at {first[0]} and {second[0]} overlap: the first has {first[1]} registers")
+    return options
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the simulated PLC with these arguments; returns the exit code."""
     args = arguments(argv)
+    refused = cli.refusal(args.host, args.port) or _unwritable(args.out)
+    if refused is not None:
+        sys.stderr.write(f"simulated PLC: {refused}\n")
+        return cli.EXIT_USAGE
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # what matters is printed as events
     clock = MonotonicClock()
     program = PlcProgram(

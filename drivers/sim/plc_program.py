@@ -22,13 +22,15 @@ ANSWER_WITHIN_S = 2.0
 DROP_WITHIN_S = 2.0
 AFTER_REFUSAL_S = 0.5
 MOST_REFUSALS = 10
+MOST_FRUITLESS = 10
 
 Value: TypeAlias = int | float | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What the program is to do. ``orders`` None: until the cell reports an empty bin."""
+    """What the program is to do. ``orders`` None: until the cell reports an empty bin, or brings nothing
+    `MOST_FRUITLESS` times in a row."""
 
     orders: int | None
     command: int = 3
@@ -117,6 +119,7 @@ class PlcProgram:
     _alive: bool = False
     _boot_id: int | None = None
     _refusals: int = 0
+    _fruitless: int = 0
 
     def __post_init__(self) -> None:
         t = self.task
@@ -286,8 +289,12 @@ class PlcProgram:
         order = self.orders[-1]
         self.rules.closed()
         empty = order.code == ResultCode.NO_PART_FOUND and order.detail == BIN_EMPTY_DETAIL
+        if ends:
+            self._fruitless = 0 if order.quantity else self._fruitless + 1
         if self.task.orders is None and ends and empty:
             self._end("the bin is empty", now)
+        elif self.task.orders is None and self._fruitless >= MOST_FRUITLESS:
+            self._end(f"{MOST_FRUITLESS} orders in a row brought nothing", now)
         elif self.task.orders is not None and len(self.orders) >= self.task.orders:
             self._end("all orders done", now)
         else:
