@@ -20,6 +20,7 @@ from vision.types import Bools, Floats, Graph, Ints, read_only
 
 Picture: TypeAlias = npt.NDArray[np.float32]
 
+INNER_LANES = (-0.6, -0.3, 0.0, 0.3, 0.6)
 _STEP_PX = 0.5
 _TUKEY = 4.685
 _L1_TURNS, _TUKEY_TURNS = 8, 8
@@ -142,8 +143,15 @@ def fit_line(points_px: Floats, weights: Floats) -> Line | None:
     )
 
 
-def end_fall(grey: Picture, at_px: Floats, along: Floats, half_px: float, window_px: float) -> Floats:
-    """Where a part ends: the steepest fall of five lanes along its axis.
+def end_fall(
+    grey: Picture,
+    at_px: Floats,
+    along: Floats,
+    half_px: float,
+    window_px: float,
+    lanes: tuple[float, ...] = INNER_LANES,
+) -> Floats:
+    """Where a part ends: the steepest fall of several lanes along its axis.
 
     Parameters
     ----------
@@ -151,18 +159,20 @@ def end_fall(grey: Picture, at_px: Floats, along: Floats, half_px: float, window
     at_px, along : (2,)
         About where it ends and the unit direction outwards, raw pixels.
     half_px : float
-        Half the part's width; lanes lie within 0.6 of it.
+        Half the part's width.
     window_px : float
         Searched before and after `at_px`.
+    lanes
+        Their places across the part, in half widths.
 
     Returns
     -------
-    (5, 2)
+    (lanes, 2)
         Of each lane: place of the steepest fall along the axis in px from `at_px`; its steepness.
     """
     normal = np.array([-along[1], along[0]])
-    lanes = np.stack([at_px + share * half_px * normal for share in (-0.6, -0.3, 0.0, 0.3, 0.6)])
-    return _falls(grey, lanes, np.tile(along, (5, 1)), float(window_px))
+    starts = np.stack([at_px + share * half_px * normal for share in lanes])
+    return _falls(grey, starts, np.tile(along, (len(lanes), 1)), float(window_px))
 
 
 @compiled

@@ -12,7 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from vision.lines import Line, Pieces, end_fall
+from vision.lines import INNER_LANES, Line, Pieces, end_fall
 from vision.links import SHADOW_WIDTHS, join, link, measure
 from vision.look import Evidence, Look, Run, evidence, refine
 from vision.stereo import unrectify_points
@@ -21,6 +21,8 @@ from vision.types import Bools, Floats, Ints, read_only
 FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.25, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
 SINGLE_FLANK_BLINDNESS = 0.4
+OUTER_LANES = (-2.0, 2.0)
+"""In half widths: an edge that goes on there is the flank of a part across, not the end of this one."""
 DOUBT_WIDTHS = 3.0
 """A tip with foreground ahead of it this near may be the edge of a shadow across the part."""
 
@@ -201,7 +203,11 @@ def _tip(look: Look, run: Run, seen: Evidence, inner: int, sign: int) -> tuple[f
         if close.sum() >= 2 and clear.sum() >= 2:
             found = guess + sign * float(lanes[close, 0].mean()) / step
             ahead_is_empty = not outwards[int(beyond) + 1 :][: round(DOUBT_WIDTHS * width)].any()
-            if close.sum() >= 4 and clear.sum() >= 4 and ahead_is_empty:
+            outside = end_fall(look.grey, pair[0], along, 0.5 * width, max(2.0, 0.8 * width), OUTER_LANES)
+            trend = np.polyfit(np.array(INNER_LANES)[close], lanes[close, 0], 1)
+            expected = np.polyval(trend, np.array(OUTER_LANES))
+            goes_on = (np.abs(outside[:, 0] - expected) < 1.5) & (outside[:, 1] > 2.0 * look.slope_floor)
+            if close.sum() >= 4 and clear.sum() >= 4 and ahead_is_empty and not goes_on.any():
                 return found, Tip.FREE, 0.0
             return found, Tip.HALF, max(reach - abs(found - start), 0.5 * width)
     return start, Tip.HIDDEN, reach
