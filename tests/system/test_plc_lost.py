@@ -3,11 +3,25 @@ next to nothing while it waits."""
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 from drivers.types import ResultCode
 from tests.fakes.simcell import SimCell
-from tests.system.processes import HandPlc, daemon, free_port, hand_plc, orders, until, write_config
+from tests.system.processes import (
+    ROOT,
+    HandPlc,
+    daemon,
+    free_port,
+    freeze,
+    hand_plc,
+    orders,
+    until,
+    write_config,
+)
 
 SUSPENDED = "SUSPENDED"
 
@@ -75,3 +89,31 @@ def test_a_plc_whose_program_stands_counts_as_lost(tmp_path: Path, cell: SimCell
         assert not plc.wait(lambda s: s.plc_link_ok, "link up").ready
         plc.enable()
         assert plc.violations == []
+
+
+def test_a_plc_that_freezes_in_a_pick_gets_41_when_it_thaws_and_goes_on_ordering(
+    tmp_path: Path, cell: SimCell
+) -> None:
+    """Nothing is closed and nothing answers, as behind a pulled cable; the PLC is a process of its own."""
+    command = [sys.executable, "-m", "drivers.sim.plc", "--orders", "2", "--speed-percent", "20"]
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path / "plc.json")], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    ) as plc:
+        try:
+            assert plc.stdout is not None
+            port = int(json.loads(plc.stdout.readline())["port"])
+            with daemon(write_config(tmp_path, cell.port, port)) as running:
+                running.wait_for("stage_begun", 30.0, stage="fetch")
+                until(lambda: cell.ask("status").flag("arm_moving"), 2.0, "the arm moves")
+                freeze(plc)
+                running.wait_for("plc_event", 3.0, plc_event="LINK_LOST")
+                running.wait_for("pick_finished", 3.0, code=int(ResultCode.PLC_LINK_LOST))
+                assert not cell.ask("status").flag("arm_moving")
+                plc.send_signal(signal.SIGCONT)
+                plc.communicate(timeout=30.0)
+                assert plc.returncode == 0  # no rule of the handshake was broken
+        finally:
+            plc.kill()
+    summary = json.loads((tmp_path / "plc.json").read_text())
+    assert [order["code"] for order in summary["orders"]] == [ResultCode.PLC_LINK_LOST, ResultCode.OK]
+    assert [row.code for row in orders(tmp_path)] == [ResultCode.PLC_LINK_LOST, ResultCode.OK]
