@@ -289,6 +289,7 @@ def rows_of(solved: Solved, rows: Ints) -> Solved:
         ends_px=read_only(solved.ends_px[rows]),
         ends_m=read_only(solved.ends_m[rows]),
         end_sigma_px=read_only(solved.end_sigma_px[rows]),
+        depth_sigma_m=read_only(solved.depth_sigma_m[rows]),
         chi2=read_only(solved.chi2[rows]),
         residual_px=read_only(solved.residual_px[rows]),
     )
@@ -309,6 +310,7 @@ def _both(first: Placed, second: Placed) -> Placed:
             ends_px=read_only(joined(one.ends_px, two.ends_px)),
             ends_m=read_only(joined(one.ends_m, two.ends_m)),
             end_sigma_px=read_only(joined(one.end_sigma_px, two.end_sigma_px)),
+            depth_sigma_m=read_only(joined(one.depth_sigma_m, two.depth_sigma_m)),
             chi2=read_only(joined(one.chi2, two.chi2)),
             residual_px=read_only(joined(one.residual_px, two.residual_px)),
         ),

@@ -42,6 +42,8 @@ a crossing below the part leaves its flanks visible."""
 DOUBTFUL_WIDTHS = 0.8
 COMPLETED_CERTAINTY = (1.0, 0.8, 0.6)
 """Factor on the score by the number of ends that only the known length tells."""
+VAGUE_DEPTH = 1.5
+"""In diameters of the part."""
 NEAR_LENGTHS = 1.5
 """Parts longer or shorter than this many times the product's length are somebody else's, not refused ones."""
 
@@ -169,7 +171,10 @@ def _score(
     part: PartModel,
     tuning: Tuning,
 ) -> float:
-    """Fit of size and views, times the root of what is seen of the part, times certainty of its ends."""
+    """Fit of size and views, times the root of what is seen of the part, times certainty of ends and depth.
+
+    A depth known only to `VAGUE_DEPTH` halves the score: a gripper would close above or below the part.
+    """
     ends = from_space(placed.ends_m[row], looks[0].rect)
     left_px = float(np.hypot(*(ends[1, :2] - ends[0, :2])))
     right_px = float(np.hypot(ends[1, 0] - ends[1, 2] - ends[0, 0] + ends[0, 2], ends[1, 1] - ends[0, 1]))
@@ -181,7 +186,8 @@ def _score(
     error = (float(placed.length_m[row]) - part.length_m) / part.length_tolerance_m
     fit = fit_score(error, float(placed.solved.residual_px[row]) / tuning.epipolar_px)
     certainty = COMPLETED_CERTAINTY[int(placed.completed[row].sum())]
-    return float(np.clip(fit * np.sqrt(min(shown, 1.0)) * certainty, 0.0, 1.0))
+    depth = 1.0 / (1.0 + (float(placed.solved.depth_sigma_m[row]) / (VAGUE_DEPTH * part.diameter_m)) ** 2)
+    return float(np.clip(fit * np.sqrt(min(shown, 1.0)) * certainty * depth, 0.0, 1.0))
 
 
 def _outside(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:

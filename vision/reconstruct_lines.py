@@ -56,7 +56,8 @@ class Solved:
 
     ``left``, ``right`` (P,) strand indices; ``flipped`` (P,) True where the right strand runs the other
     way; ``ends_px`` (P, 2, 3) u, v, d; ``ends_m`` (P, 2, 3) raw left camera frame; ``end_sigma_px``
-    (P, 2) how well the ends are known along the axis; ``chi2`` (P,); ``residual_px`` (P,) root mean
+    (P, 2) how well the ends are known along the axis; ``depth_sigma_m`` (P,) deviation of the worse
+    end's depth; ``chi2`` (P,); ``residual_px`` (P,) root mean
     square of what the well-known measurements miss by.
     """
 
@@ -66,6 +67,7 @@ class Solved:
     ends_px: Floats
     ends_m: Floats
     end_sigma_px: Floats
+    depth_sigma_m: Floats
     chi2: Floats
     residual_px: Floats
 
@@ -196,9 +198,17 @@ def solve(
         ends_px=read_only(ends_px),
         ends_m=read_only(in_space(ends_px, rect)),
         end_sigma_px=read_only(np.minimum(along_l, along_r)),
+        depth_sigma_m=read_only(_depth_sigma_m(matrix, ends_px, rect)),
         chi2=read_only((measured**2).sum(axis=1)),
         residual_px=read_only(np.sqrt(square.sum(axis=1) / np.maximum(well.sum(axis=1), 1))),
     )
+
+
+def _depth_sigma_m(matrix: Floats, ends_px: Floats, rect: Rectification) -> Floats:
+    """(P,) of the worse end: ``Z^2 / (f B)`` times the deviation of its disparity."""
+    variance = np.linalg.inv(matrix)[:, (2, 5), (2, 5)]
+    per_px = rect.focal_px * rect.baseline_m / np.maximum(ends_px[..., 2], 1e-3) ** 2
+    return np.asarray((per_px * np.sqrt(variance)).max(axis=1, initial=0.0), np.float64)
 
 
 def in_space(points: Floats, rect: Rectification) -> Floats:

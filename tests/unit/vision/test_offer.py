@@ -8,7 +8,7 @@ import pytest
 from tests.reference.sticks import TABLE, Stick, lying, pair, rig
 from vision.look import Look
 from vision.match import Placed
-from vision.offer import candidates
+from vision.offer import VAGUE_DEPTH, candidates
 from vision.reconstruct_lines import Solved, from_space
 from vision.stereo import Side, project, rectification, rectify_points
 from vision.strands import Strands, Tip
@@ -64,7 +64,12 @@ def strands(sticks: list[Stick], side: int, width_px: float = 5.7, kind: Tip = T
 
 
 def placed(
-    sticks: list[Stick], *, completed: bool = False, slack_m: float = 0.0, cover: float = 1.0
+    sticks: list[Stick],
+    *,
+    completed: bool = False,
+    slack_m: float = 0.0,
+    cover: float = 1.0,
+    depth_sigma_m: float = 0.0005,
 ) -> Placed:
     count = len(sticks)
     ends = np.array([np.stack([s.start, s.end]) for s in sticks]).reshape(-1, 2, 3)
@@ -77,6 +82,7 @@ def placed(
             ends_px=from_space(ends, RECT),
             ends_m=ends,
             end_sigma_px=np.full((count, 2), 0.4),
+            depth_sigma_m=np.full(count, depth_sigma_m),
             chi2=np.ones(count),
             residual_px=np.full(count, 0.1),
         ),
@@ -203,3 +209,10 @@ def test_parts_far_from_the_length_are_nobodys_concern() -> None:
 
 def test_nothing_placed_offers_nothing() -> None:
     assert offer([]) == ()
+
+
+def test_a_vague_depth_halves_the_score() -> None:
+    sharp = offer([ASIDE], placed([ASIDE], depth_sigma_m=0.0))[0]
+    vague = offer([ASIDE], placed([ASIDE], depth_sigma_m=VAGUE_DEPTH * ROD.diameter_m))[0]
+
+    assert vague.score == pytest.approx(0.5 * sharp.score)
