@@ -6,12 +6,12 @@ let the PLC thread publish that, then close. All within five seconds.
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 from typing import Final
 
 from cell import config as configuration
 from cell import handshake, wiring
+from cell.ending import EndRequest
 from cell.faults import FaultCode
 from cell.journal import Journal
 from cell.logs import logger
@@ -29,7 +29,6 @@ from vision.default import warm_up
 
 log = logger("daemon")
 
-_ENDING: Final = (signal.SIGTERM, signal.SIGINT)
 _TICK_S: Final = 0.5
 _CELL_LIMIT_S: Final = 6.0
 """Longest the cell thread may go without waiting on its token: one look and one detection."""
@@ -53,10 +52,8 @@ def run(config_path: Path) -> int:
         daemon = _Daemon(config, config_path, journal)
         log.info("detector_warming_up")
         warm_up()  # may take seconds; nothing is open yet, so a signal may simply end the process
-        # From here on signals are waited for and not handled: a handler that sets an event can meet its
-        # own thread inside that event's lock. Threads started later inherit the mask.
-        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-        return daemon.run()
+        with EndRequest() as asked:
+            return daemon.run(asked)
     finally:
         journal.close()
 
@@ -135,7 +132,7 @@ class _Daemon:
 
     # ------------------------------------------------------------------ life
 
-    def run(self) -> int:
+    def run(self, asked: EndRequest) -> int:
         """Start everything, feed the watchdog while all make progress, end everything."""
         self._cell_journal.open()
         for worker in self._all():
@@ -144,7 +141,7 @@ class _Daemon:
         self._notifier.ready("running")
         failure: tuple[str, BaseException] | None = None
         told = ""
-        while signal.sigtimedwait(_ENDING, _TICK_S) is None:
+        while not asked.wait(_TICK_S):
             failure = self._workers.failure()
             if failure is not None:
                 break
