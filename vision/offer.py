@@ -40,6 +40,8 @@ HIDDEN_WIDTHS = 1.4
 """A longer stretch of the middle third without both flanks means that something lies there, known or not;
 a crossing below the part leaves its flanks visible."""
 DOUBTFUL_WIDTHS = 0.8
+SURE_SCORE = 0.6
+"""A longer hidden stretch, or a lower score, weighs in the order like one more part on top."""
 COMPLETED_CERTAINTY = (1.0, 0.8, 0.6)
 """Factor on the score by the number of ends that only the known length tells."""
 VAGUE_DEPTH = 1.5
@@ -86,7 +88,8 @@ def candidates(
         candidate = _candidate(
             row, placed, left, right, looks, part, tuning, table, crossings, doubles, hidden
         )
-        found.append((int(crossings.over_any[row]) + int(hidden > DOUBTFUL_WIDTHS), candidate))
+        doubts = int(hidden > DOUBTFUL_WIDTHS) + int(candidate.score < SURE_SCORE)
+        found.append((int(crossings.over_any[row]) + doubts, candidate))
     found.sort(key=lambda item: (not item[1].offered, item[0] if item[1].offered else 0, -item[1].score))
     return tuple(candidate for _, candidate in found)
 
