@@ -76,6 +76,9 @@ class WorkspaceConfig(Settings):
     approach_height_m: PositiveFloat = Field(description="height above the grasp where descent begins")
     travel_z_m: float = Field(description="the tool travels at or above this height")
     max_tilt_rad: PositiveFloat
+    take_covered: bool = Field(
+        default=True, description="where nothing free can be had, take a part that others lie over"
+    )
     watch_q_rad: Six = Field(description="joints out of the cameras' view; also home")
     drop_q_rad: Six = Field(description="joints above the place where parts are released")
 

@@ -18,7 +18,7 @@ from cell import frames
 from cell.config import JawsConfig, WorkspaceConfig
 from cell.types import Pick
 from vision import transforms
-from vision.types import Candidate, Floats, Scene, Transform
+from vision.types import Candidate, Floats, Refusal, Scene, Transform
 
 _STEP_M: Final = 0.002
 """Grip positions are tried every 2 mm along the part, obstacles sampled as finely."""
@@ -50,7 +50,7 @@ class PlanRefused:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """What planning made of one offered candidate: a pick, or why not."""
+    """What planning made of one candidate: a pick, or why not."""
 
     candidate: Candidate
     pick: Pick | None
@@ -67,6 +67,9 @@ def plan_picks(
 ) -> tuple[Plan, ...]:
     """Plan every offered candidate, in the detector's order.
 
+    Where none of them gives a pick and ``workspace.take_covered`` is set, the parts that are only covered by
+    others are planned too: the least bad way to get on with a heap in which each lies on the next.
+
     Parameters
     ----------
     scene
@@ -81,14 +84,24 @@ def plan_picks(
         ``base_from_tool`` now; of the two equal jaw directions the nearer one is taken.
     """
     obstacles = _obstacles(scene, base_from_camera)
-    plans = []
+    plans: list[Plan] = []
     rank = 0
-    for candidate in scene.offered:
-        start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
-        plan = _plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, rank + 1)
-        rank += plan.pick is not None
-        plans.append(plan)
+    for candidates in (scene.offered, _only_covered(scene) if workspace.take_covered else ()):
+        if rank:
+            break
+        for candidate in candidates:
+            start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
+            plan = _plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, rank + 1)
+            rank += plan.pick is not None
+            plans.append(plan)
     return tuple(plans)
+
+
+def _only_covered(scene: Scene) -> tuple[Candidate, ...]:
+    """Parts with nothing against them but that others lie over them."""
+    return tuple(
+        c for c in scene.candidates if c.refusals and all(r.reason is Refusal.CROSSED for r in c.refusals)
+    )
 
 
 def _obstacles(scene: Scene, base_from_camera: Transform) -> Floats:
