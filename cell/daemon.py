@@ -64,6 +64,7 @@ class _Daemon:
     def __init__(self, config: configuration.CellConfig, path: Path, journal: Journal) -> None:
         self._clock = MonotonicClock()
         self._notifier = Notifier()
+        self._stalled: set[str] = set()
         self._workers = WorkerGroup(self._clock)
         self._journal = journal
         self._cell_journal = Journal(config.files.journal)
@@ -157,8 +158,13 @@ class _Daemon:
         stalled = self._workers.stalled()
         if not stalled:
             self._notifier.alive()
+        names = {beat.name for beat in stalled}
         for beat in stalled:
-            log.error("worker_stalled", worker=beat.name, age_s=round(beat.age_s(), 1), limit_s=beat.limit_s)
+            if beat.name not in self._stalled:
+                log.error(
+                    "worker_stalled", worker=beat.name, age_s=round(beat.age_s(), 1), limit_s=beat.limit_s
+                )
+        self._stalled = names
         report = self._report.get()
         status = f"{State(report.state).name.lower()}, {report.total_picks} picked"
         if report.fault_code:

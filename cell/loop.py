@@ -316,6 +316,17 @@ class CellLoop:
             raise TooManyFaults(f"{_INTERNAL_LIMIT} internal faults in ten minutes; starting anew")
 
 
+_UR_SAFETY: Final[dict[SafetyMode, int]] = {
+    SafetyMode.UNKNOWN: 0,
+    SafetyMode.NORMAL: 1,
+    SafetyMode.REDUCED: 2,
+    SafetyMode.PROTECTIVE_STOP: 3,
+    SafetyMode.SAFEGUARD_STOP: 5,
+    SafetyMode.EMERGENCY_STOP: 7,
+}
+"""The arm maker's numbers, which PLC programs for this arm already know."""
+
+
 def _robot_fields(state: RobotState) -> dict[str, object]:
     """What the report takes from the arm's state."""
     return {
@@ -325,7 +336,7 @@ def _robot_fields(state: RobotState) -> dict[str, object]:
         "emergency_stop": state.safety is SafetyMode.EMERGENCY_STOP,
         "protective_stop": state.safety is SafetyMode.PROTECTIVE_STOP,
         "safeguard_stop": state.safety is SafetyMode.SAFEGUARD_STOP,
-        "safety_mode": list(SafetyMode).index(state.safety) + 1,
+        "safety_mode": _UR_SAFETY[state.safety],
     }
 
 

@@ -7,8 +7,9 @@ the jaws have room.
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, Literal
 
@@ -85,16 +86,23 @@ def plan_picks(
     """
     obstacles = _obstacles(scene, base_from_camera)
     plans: list[Plan] = []
-    rank = 0
     for candidates in (scene.offered, _only_covered(scene) if workspace.take_covered else ()):
-        if rank:
+        if any(plan.pick is not None for plan in plans):
             break
         for candidate in candidates:
             start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
-            plan = _plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, rank + 1)
-            rank += plan.pick is not None
-            plans.append(plan)
-    return tuple(plans)
+            plans.append(_plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool))
+    return _ranked(plans)
+
+
+def _ranked(plans: list[Plan]) -> tuple[Plan, ...]:
+    """In the detector's order, but grips that would hold a second part too come after those that do not."""
+    ordered = sorted(plans, key=lambda plan: plan.pick is not None and not plan.pick.gap_free)
+    ranks = itertools.count(1)
+    return tuple(
+        plan if plan.pick is None else replace(plan, pick=replace(plan.pick, rank=next(ranks)))
+        for plan in ordered
+    )
 
 
 def _only_covered(scene: Scene) -> tuple[Candidate, ...]:
@@ -124,7 +132,6 @@ def _plan(
     jaws: JawsConfig,
     diameter_m: float,
     tool: Transform,
-    rank: int,
 ) -> Plan:
     length = float(np.linalg.norm(end - start))
     axis = (end - start) / max(length, 1e-9)
@@ -140,6 +147,7 @@ def _plan(
     yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
     points = _sampled(_others(start, end, obstacles, diameter_m))
     best: float | None = None
+    second: Pick | None = None
     outside = 0.0
     for along in _offsets(length):
         grip = (start + end) / 2 + along * axis
@@ -151,11 +159,19 @@ def _plan(
         if beyond > 0:
             outside = beyond if outside == 0 else min(outside, beyond)
             continue
-        room = _clearance(tips, yaw, points, workspace, jaws) - diameter_m / 2
+        near = _in_tool(tips, yaw, points)
+        room = _clearance(near, tips, workspace, jaws) - diameter_m / 2
         if best is None or room > best:
             best = room
-        if room >= jaws.min_clearance_m:
-            return Plan(candidate=candidate, pick=_pick(rank, candidate, tool_point, yaw, room, workspace))
+        if room < jaws.min_clearance_m:
+            continue
+        gap_free = _gap(near, jaws) > diameter_m / 2
+        pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace)
+        if gap_free:
+            return Plan(candidate=candidate, pick=pick)
+        second = second or pick
+    if second is not None:
+        return Plan(candidate=candidate, pick=second)
     if best is None:
         why = PlanRefused(reason=PlanRefusal.WORKSPACE, value=outside, limit=0.0, unit="m")
     else:
@@ -164,15 +180,21 @@ def _plan(
 
 
 def _pick(
-    rank: int, candidate: Candidate, tool_point: Floats, yaw: float, room: float, workspace: WorkspaceConfig
+    candidate: Candidate,
+    tool_point: Floats,
+    yaw: float,
+    room: float,
+    gap_free: bool,
+    workspace: WorkspaceConfig,
 ) -> Pick:
     grasp = frames.tool_down(tool_point, yaw)
     return Pick(
-        rank=rank,
+        rank=1,
         approach=frames.raised(grasp, grasp.z + workspace.approach_height_m),
         grasp=grasp,
         retreat=frames.raised(grasp, max(workspace.travel_z_m, grasp.z + workspace.approach_height_m)),
         clearance_m=room,
+        gap_free=gap_free,
         score=candidate.score,
         candidate=candidate,
     )
@@ -235,17 +257,27 @@ def _beyond_box(tips: Floats, yaw: float, workspace: WorkspaceConfig, jaws: Jaws
     return float(max(beyond))
 
 
-def _clearance(
-    tips: Floats, yaw: float, points: Floats, workspace: WorkspaceConfig, jaws: JawsConfig
-) -> float:
-    """Distance (m) from the obstacle points to the nearer of fingers and palm on their whole way down."""
-    if not len(points):
-        return math.inf
+def _in_tool(tips: Floats, yaw: float, points: Floats) -> Floats:
+    """(P, 3) points seen from the finger tips: x along the closing direction, y along the part, z up."""
     c, s = math.cos(yaw), math.sin(yaw)
     offset = points - tips
-    local = np.stack(
+    return np.stack(
         [c * offset[:, 0] + s * offset[:, 1], s * offset[:, 0] - c * offset[:, 1], offset[:, 2]], axis=1
     )
+
+
+def _gap(near: Floats, jaws: JawsConfig) -> float:
+    """Distance (m) from the obstacle points to the space between the open fingers; <= 0 inside."""
+    if not len(near):
+        return math.inf
+    half = np.array([jaws.opening_m / 2, jaws.width_m / 2, jaws.depth_m / 2])
+    return float(_box_distance(near, np.array([0.0, 0.0, jaws.depth_m / 2]), half).min())
+
+
+def _clearance(near: Floats, tips: Floats, workspace: WorkspaceConfig, jaws: JawsConfig) -> float:
+    """Distance (m) from the obstacle points to the nearer of fingers and palm on their whole way down."""
+    if not len(near):
+        return math.inf
     middle, half = _fingers(jaws)
     # fingers and hand sweep the column above them, from the grasp up to where the descent begins
     top = jaws.depth_m + max(workspace.approach_height_m, workspace.travel_z_m - float(tips[2]))
@@ -257,7 +289,7 @@ def _clearance(
     boxes.append(
         (np.array([0.0, 0.0, palm]), np.array([middle + half, jaws.width_m / 2, palm - jaws.depth_m]))
     )
-    return min(float(_box_distance(local, centre, extent).min()) for centre, extent in boxes)
+    return min(float(_box_distance(near, centre, extent).min()) for centre, extent in boxes)
 
 
 def _box_distance(points: Floats, centre: Floats, extent: Floats) -> Floats:

@@ -41,13 +41,17 @@ class PickOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pick:
-    """One planned grasp in the robot's base frame. ``rank`` 1 is first."""
+    """One planned grasp in the robot's base frame. ``rank`` 1 is first.
+
+    ``clearance_m`` free space around the fingers; ``gap_free`` False: another part lies between them too.
+    """
 
     rank: int
     approach: ToolPose
     grasp: ToolPose
     retreat: ToolPose
     clearance_m: float
+    gap_free: bool
     score: float
     candidate: Candidate
 
