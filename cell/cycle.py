@@ -16,8 +16,9 @@ from cell.stopwatch import StageTimes
 from cell.types import Outcome, Pick, PickOrder, PickResult
 from drivers.timing import StopToken
 from drivers.types import Grip, JointAngles, PlcCommand, ResultCode
+from vision import transforms
 from vision.locate import locate
-from vision.types import Scene
+from vision.types import Candidate, Floats, Scene
 
 log = logger("cycle")
 
@@ -124,7 +125,7 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
         return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     code = _fetch(station, chosen, order, stop, times)
     if code is not ResultCode.OK:
-        station.missed.remember(chosen.grasp)
+        station.missed.remember(chosen.grasp, _middle(station, chosen.candidate))
         return _report(order, look, chosen, refused, code, Outcome.MISSED)
     return _report(order, look, chosen, refused, code, Outcome.PICKED)
 
@@ -179,6 +180,7 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
             station.jaws,
             part.diameter_m,
             frames.transform_of(station.robot.state().tool),
+            station.missed,
         )
     log.info(
         "look_finished",
@@ -193,10 +195,10 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
 def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
     """The first pick the arm can reach, and a refusal for each before it that it cannot.
 
-    Where a grip failed lately comes last: the same picture gives the same mistake.
+    A part on which a grip failed lately comes last: the same picture gives the same mistake.
     """
     refused: list[PlanRefused] = []
-    for plan in sorted(plans, key=lambda p: p.pick is not None and station.missed.holds(p.pick.grasp)):
+    for plan in sorted(plans, key=lambda p: station.missed.part(_middle(station, p.candidate))):
         if plan.pick is None:
             continue
         if all(
@@ -205,6 +207,11 @@ def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, lis
             return plan.pick, refused
         refused.append(PlanRefused(reason=PlanRefusal.REACH, value=0.0, limit=1.0, unit="1"))
     return None, refused
+
+
+def _middle(station: Station, candidate: Candidate) -> Floats:
+    """(3,) m of a candidate's middle in the base frame."""
+    return transforms.apply(station.base_from_camera, candidate.centre)
 
 
 # --------------------------------------------------------------------------- fetch and place

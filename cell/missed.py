@@ -1,4 +1,7 @@
-"""Where grips failed lately: such parts are tried last, because the same picture gives the same mistake."""
+"""Where grips failed lately: another place, and before that another part, is tried first.
+
+The same picture gives the same mistake, so a fresh look alone does not help.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 from typing import Final
 
 from drivers.types import ToolPose
+from vision.types import Floats
 
 _NEAR_M: Final = 0.010
 _LOOKS: Final = 5
@@ -15,16 +19,20 @@ class MissedParts:
     """Remembers failed grasps for a few looks. Used by the cell thread only."""
 
     def __init__(self) -> None:
-        self._missed: list[tuple[ToolPose, int]] = []
+        self._missed: list[tuple[ToolPose, Floats, int]] = []
 
     def new_look(self) -> None:
         """A picture was taken: every memory is one look older, the oldest are dropped."""
-        self._missed = [(pose, left - 1) for pose, left in self._missed if left > 1]
+        self._missed = [(pose, middle, left - 1) for pose, middle, left in self._missed if left > 1]
 
-    def remember(self, grasp: ToolPose) -> None:
-        """A grip at this pose held nothing."""
-        self._missed.append((grasp, _LOOKS))
+    def remember(self, grasp: ToolPose, middle_m: Floats) -> None:
+        """A grip at this pose, on a part with its middle at (3,) m in the base frame, held nothing."""
+        self._missed.append((grasp, middle_m, _LOOKS))
 
-    def holds(self, grasp: ToolPose) -> bool:
-        """True when a grip within a centimetre failed lately."""
-        return any(math.dist(grasp.six()[:3], pose.six()[:3]) < _NEAR_M for pose, _ in self._missed)
+    def grip(self, grasp: ToolPose) -> bool:
+        """True when a grip within a centimetre of this one failed lately."""
+        return any(math.dist(grasp.six()[:3], pose.six()[:3]) < _NEAR_M for pose, _, _ in self._missed)
+
+    def part(self, middle_m: Floats) -> bool:
+        """True when a grip on a part with its middle within a centimetre of this one failed lately."""
+        return any(math.dist(middle_m, middle) < _NEAR_M for _, middle, _ in self._missed)

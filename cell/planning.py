@@ -17,14 +17,18 @@ import numpy as np
 
 from cell import frames
 from cell.config import JawsConfig, WorkspaceConfig
+from cell.missed import MissedParts
 from cell.types import Pick
 from vision import transforms
 from vision.types import Candidate, Floats, Refusal, Scene, Transform
 
 _STEP_M: Final = 0.002
 """Grip positions are tried every 2 mm along the part, obstacles sampled as finely."""
-_OFF_CENTRE: Final = 0.25
+_OFF_CENTRE: Final = 0.4
 """A grip may be this share of the length away from the middle."""
+_ASIDE_MARGIN_M: Final = 0.002
+"""A part that is not in the middle of the jaws stays this far from the finger: nothing is seen exactly."""
+_ASIDE_STEPS: Final = 4
 _SAME_PART: Final = 0.9
 """A segment within this many diameters of the candidate's own axis is the candidate itself: the axes of two
 parts that lie side by side are a whole diameter apart."""
@@ -65,6 +69,7 @@ def plan_picks(
     jaws: JawsConfig,
     diameter_m: float,
     tool: Transform,
+    missed: MissedParts,
 ) -> tuple[Plan, ...]:
     """Plan every offered candidate, in the detector's order.
 
@@ -83,6 +88,8 @@ def plan_picks(
         Of the parts: the thickness of every obstacle.
     tool
         ``base_from_tool`` now; of the two equal jaw directions the nearer one is taken.
+    missed
+        Where grips failed lately: another place on the same part is preferred.
     """
     obstacles = _obstacles(scene, base_from_camera)
     plans: list[Plan] = []
@@ -91,7 +98,7 @@ def plan_picks(
             break
         for candidate in candidates:
             start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
-            plans.append(_plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool))
+            plans.append(_plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, missed))
     return _ranked(plans)
 
 
@@ -132,6 +139,7 @@ def _plan(
     jaws: JawsConfig,
     diameter_m: float,
     tool: Transform,
+    missed: MissedParts,
 ) -> Plan:
     length = float(np.linalg.norm(end - start))
     axis = (end - start) / max(length, 1e-9)
@@ -146,36 +154,38 @@ def _plan(
         )
     yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
     points = _sampled(_others(start, end, obstacles, diameter_m))
-    best: float | None = None
-    second: Pick | None = None
-    outside = 0.0
-    for along in _offsets(length):
-        grip = (start + end) / 2 + along * axis
-        tool_point = grip - np.array([0.0, 0.0, jaws.below_axis_m])
-        lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
-        tool_point[2] = max(tool_point[2], lowest)
-        tips = tool_point - np.array([0.0, 0.0, jaws.tip_beyond_tool_m])
+    across = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
+    beyond_tool = np.array([0.0, 0.0, jaws.tip_beyond_tool_m])
+    best_room = -math.inf
+    outside = math.inf
+    chosen: tuple[int, Pick] | None = None
+    for aside, along in _offsets(length, jaws, diameter_m):
+        tool_point = (start + end) / 2 + along * axis + aside * across
+        tool_point[2] = max(tool_point[2] - jaws.below_axis_m, lowest)
+        tips = tool_point - beyond_tool
         beyond = _beyond_box(tips, yaw, workspace, jaws)
         if beyond > 0:
-            outside = beyond if outside == 0 else min(outside, beyond)
+            outside = min(outside, beyond)
             continue
         near = _in_tool(tips, yaw, points)
         room = _clearance(near, tips, workspace, jaws) - diameter_m / 2
-        if best is None or room > best:
-            best = room
+        best_room = max(best_room, room)
         if room < jaws.min_clearance_m:
             continue
         gap_free = _gap(near, jaws) > diameter_m / 2
         pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace)
-        if gap_free:
-            return Plan(candidate=candidate, pick=pick)
-        second = second or pick
-    if second is not None:
-        return Plan(candidate=candidate, pick=second)
-    if best is None:
+        doubts = 2 * missed.grip(pick.grasp) + (not gap_free)
+        if chosen is None or doubts < chosen[0]:
+            chosen = doubts, pick
+        if doubts == 0:
+            break
+    if chosen is not None:
+        return Plan(candidate=candidate, pick=chosen[1])
+    if best_room == -math.inf:
         why = PlanRefused(reason=PlanRefusal.WORKSPACE, value=outside, limit=0.0, unit="m")
     else:
-        why = PlanRefused(reason=PlanRefusal.CLEARANCE, value=best, limit=jaws.min_clearance_m, unit="m")
+        why = PlanRefused(reason=PlanRefusal.CLEARANCE, value=best_room, limit=jaws.min_clearance_m, unit="m")
     return Plan(candidate=candidate, pick=None, refused=(why,))
 
 
@@ -207,10 +217,20 @@ def _nearest_yaw(yaw_rad: float, tool: Transform) -> float:
     return now + turn
 
 
-def _offsets(length_m: float) -> list[float]:
-    """Grip positions along the part from its middle outwards, nearest first."""
-    steps = int(_OFF_CENTRE * length_m / _STEP_M)
-    return sorted((k * _STEP_M for k in range(-steps, steps + 1)), key=abs)
+def _offsets(length_m: float, jaws: JawsConfig, diameter_m: float) -> list[tuple[float, float]]:
+    """Grip positions (aside, along) m: along the part from its middle outwards, nearest first.
+
+    Those with the part in the middle between the jaws come first. After them the hand stands aside, the part
+    nearer to one finger, by as much as the opening leaves after `_ASIDE_MARGIN_M`.
+    """
+    reach = int(_OFF_CENTRE * length_m / _STEP_M)
+    along = sorted((k * _STEP_M for k in range(-reach, reach + 1)), key=abs)
+    room = max(0.0, (jaws.opening_m - diameter_m) / 2 - _ASIDE_MARGIN_M)
+    aside = sorted(
+        (side * k * room / _ASIDE_STEPS for k in range(1, _ASIDE_STEPS + 1) for side in (-1, 1)), key=abs
+    )
+    coarse = along[::_ASIDE_STEPS] if room > 0 else []
+    return [(0.0, a) for a in along] + [(x, a) for x in aside for a in coarse]
 
 
 def _others(start: Floats, end: Floats, obstacles: Floats, diameter_m: float) -> Floats:

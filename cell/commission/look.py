@@ -18,6 +18,7 @@ from cell import config as configuration
 from cell.calibration import Calibration
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, UsageError
+from cell.missed import MissedParts
 from cell.pictures import PictureCheck, refuse_flawed
 from cell.planning import Plan, plan_picks
 from cell.stopwatch import StageTimes
@@ -215,6 +216,7 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         sight.config.jaws,
         sight.part.diameter_m,
         frames.transform_of(frames.tool_down(np.zeros(3), 0.0)),
+        MissedParts(),
     )
     return {id(plan.candidate): plan for plan in plans}
 

@@ -302,7 +302,8 @@ def test_parts_that_do_not_fit_are_not_an_empty_bin(see: Callable[..., Eyes]) ->
 
 def test_no_room_for_the_jaws_is_told_apart(see: Callable[..., Eyes]) -> None:
     walls: list[tuple[Point, Point]] = [
-        ((-0.05, y, 0.025), (0.05, y, 0.025)) for y in (-0.45 - 0.012, -0.45 + 0.012)
+        ((-0.05, -0.45 + off, 0.025), (0.05, -0.45 + off, 0.025))
+        for off in (-0.018, -0.015, -0.012, -0.009, -0.006, 0.006, 0.009, 0.012, 0.015, 0.018)
     ]
     see(scene(FREE, loose_m=walls))
     result = ran(bench().open(), order())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cell import calibration, config, frames
+from cell.missed import MissedParts
 from cell.planning import Plan, plan_picks
 from tests.fakes.station import DATA, scene, stick
 from vision.types import Candidate
@@ -20,7 +21,9 @@ def planned(*candidates: Candidate) -> tuple[Plan, ...]:
     base_from_camera = calibration.load(DATA / "calibration.json").base_from_camera
     assert base_from_camera is not None
     tool = frames.transform_of(frames.tool_down(np.array([0.3, -0.3, 0.3]), 0.0))
-    return plan_picks(scene(*candidates), base_from_camera, CELL.workspace, CELL.jaws, 0.004, tool)
+    return plan_picks(
+        scene(*candidates), base_from_camera, CELL.workspace, CELL.jaws, 0.004, tool, MissedParts()
+    )
 
 
 def test_a_part_alone_between_the_jaws_comes_first() -> None:

@@ -1,5 +1,6 @@
 """A part that was missed is tried last for a few looks."""
 
+import numpy as np
 import pytest
 
 from cell import cycle
@@ -9,6 +10,8 @@ from drivers.timing import StopToken
 from drivers.types import Grip, ToolPose
 from tests.fakes.station import bench, order, scene, stick
 
+MIDDLE = np.array([0.07, -0.45, 0.02])
+
 
 def at(x: float) -> ToolPose:
     return ToolPose(x=x, y=-0.45, z=0.02, rx=0.0, ry=3.14, rz=0.0)
@@ -16,19 +19,26 @@ def at(x: float) -> ToolPose:
 
 def test_a_grip_within_a_centimetre_of_a_failed_one_is_remembered() -> None:
     missed = MissedParts()
-    missed.remember(at(0.100))
-    assert missed.holds(at(0.108))
-    assert not missed.holds(at(0.112))
+    missed.remember(at(0.100), MIDDLE)
+    assert missed.grip(at(0.108))
+    assert not missed.grip(at(0.112))
+
+
+def test_the_part_is_remembered_too_wherever_it_was_gripped() -> None:
+    missed = MissedParts()
+    missed.remember(at(0.100), MIDDLE)
+    assert missed.part(MIDDLE + np.array([0.0, 0.009, 0.0]))
+    assert not missed.part(MIDDLE + np.array([0.0, 0.011, 0.0]))
 
 
 def test_a_failed_grip_is_forgotten_after_five_looks() -> None:
     missed = MissedParts()
-    missed.remember(at(0.1))
+    missed.remember(at(0.1), MIDDLE)
     for _ in range(4):
         missed.new_look()
-    assert missed.holds(at(0.1))
+    assert missed.grip(at(0.1))
     missed.new_look()
-    assert not missed.holds(at(0.1))
+    assert not missed.grip(at(0.1))
 
 
 def test_after_a_miss_another_part_is_tried_before_the_same_one(monkeypatch: pytest.MonkeyPatch) -> None:

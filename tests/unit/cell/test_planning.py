@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell import calibration, config, frames
+from cell.missed import MissedParts
 from cell.planning import Plan, PlanRefusal, plan_picks
 from cell.types import Pick
 from tests.fakes.station import DATA, Point, scene, stick
@@ -20,6 +21,7 @@ BASE_FROM_CAMERA = calibration.load(DATA / "calibration.json").base_from_camera
 assert BASE_FROM_CAMERA is not None
 DIAMETER_M = 0.004
 LYING_Z = WORKSPACE.floor_z_m + DIAMETER_M / 2
+OFFSETS_M = [side * off for side in (-1, 1) for off in (0.006, 0.009, 0.012, 0.015, 0.018)]
 TOOL_AT_REST = frames.transform_of(frames.tool_down(np.array([0.3, -0.3, 0.3]), 0.0))
 
 
@@ -33,7 +35,7 @@ def lying(
 
 def planned(seen: Scene, tool: Transform = TOOL_AT_REST) -> tuple[Plan, ...]:
     assert BASE_FROM_CAMERA is not None
-    return plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, tool)
+    return plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, tool, MissedParts())
 
 
 def only_pick(*candidates: Candidate, **others: list[tuple[Point, Point]]) -> Pick:
@@ -122,8 +124,9 @@ def test_a_part_that_is_too_steep_is_refused_with_its_tilt() -> None:
 @pytest.mark.parametrize(
     ("ends", "beyond_m"),
     [
-        (lying(0.20, -0.45, math.pi / 2), 0.20 + 0.014 - 0.16),  # a finger's outer face beyond x = 0.16
-        (lying(0.0, -0.30, 0.0), -0.30 + 0.014 + 0.32),
+        # a finger's outer face beyond x = 0.16, the hand standing 6 mm aside
+        (lying(0.20, -0.45, math.pi / 2), 0.20 + 0.014 - 0.006 - 0.16),
+        (lying(0.0, -0.30, 0.0), -0.30 + 0.014 - 0.006 + 0.32),
         (lying(0.0, -0.45, 0.0, z=0.15), 0.15 - 0.001 - 0.0015 - 0.10),
     ],
     ids=["x", "y", "z"],
@@ -183,12 +186,33 @@ def test_a_neighbour_beside_the_middle_moves_the_grip_along_the_part() -> None:
 
 
 def test_too_many_neighbours_refuse_the_part_with_the_room_there_is() -> None:
-    walls = [lying(0.0, -0.45 + side * 0.012, 0.0, length=0.09) for side in (-1, 1)]
+    # wherever the hand stands, a finger would come down on one of them
+    walls = [lying(0.0, -0.45 + off, 0.0, length=0.09) for off in OFFSETS_M]
     reason, value, limit = refusal(planned(scene(stick(*lying(0.0, -0.45, 0.0)), loose_m=walls))[0])
     assert reason is PlanRefusal.CLEARANCE
     assert limit == JAWS.min_clearance_m
-    # their axes lie inside the fingers, 1.7 mm above the tips, and a radius counts too
-    assert value == pytest.approx(-0.0017 - DIAMETER_M / 2, abs=1e-6)
+    assert value < 0.0
+
+
+def test_the_hand_stands_aside_where_a_finger_would_come_down_on_a_neighbour() -> None:
+    wall = lying(0.0, -0.45 + 0.012, 0.0, length=0.09)
+    pick = only_pick(stick(*lying(0.0, -0.45, 0.0)), loose_m=[wall])
+    aside = pick.grasp.y - (-0.45)
+    assert abs(aside) >= 0.002
+    assert abs(aside) <= (JAWS.opening_m - DIAMETER_M) / 2
+    assert pick.clearance_m >= JAWS.min_clearance_m
+
+
+def test_after_a_miss_the_same_part_is_gripped_somewhere_else() -> None:
+    missed = MissedParts()
+    first = only_pick(stick(*lying(0.0, -0.45, 0.0)))
+    missed.remember(first.grasp, np.array([0.0, -0.45, LYING_Z]))
+    seen = scene(stick(*lying(0.0, -0.45, 0.0)))
+    assert BASE_FROM_CAMERA is not None
+    plans = plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, TOOL_AT_REST, missed)
+    again = plans[0].pick
+    assert again is not None
+    assert math.dist(again.grasp.six()[:2], first.grasp.six()[:2]) >= 0.010
 
 
 def test_a_part_above_is_in_the_way_of_the_hand() -> None:
