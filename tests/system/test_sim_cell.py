@@ -59,13 +59,23 @@ def test_faults_can_be_there_from_the_start() -> None:
         assert means[0] < 5.0 < means[1]
 
 
+def _hung_up_on(stranger: socket.socket, nonsense: bytes) -> bool:
+    """Say it, and be hung up on without an answer, before or after the last word."""
+    try:
+        stranger.sendall(nonsense)
+        stranger.shutdown(socket.SHUT_WR)
+        return stranger.recv(10) == b""
+    except TimeoutError:
+        return False
+    except OSError:  # reset, or not connected any more
+        return True
+
+
 def test_strangers_and_nonsense_cost_nothing_but_their_own_connection() -> None:
     with sim_cell("--sticks", "1") as cell:
         for nonsense in (b"GET / HTTP/1.1\r\n\r\n", struct.pack(">II", 0xFFFFFFF0, 4), b"\x00"):
             with socket.create_connection(("127.0.0.1", cell.port), timeout=2.0) as stranger:
-                stranger.sendall(nonsense)
-                stranger.shutdown(socket.SHUT_WR)
-                assert stranger.recv(10) == b""
+                assert _hung_up_on(stranger, nonsense)
         with pytest.raises(CommandRejected, match="no operation 'dance'"):
             cell.ask("dance")
         with pytest.raises(CommandRejected, match="not a number"):

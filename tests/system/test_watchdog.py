@@ -66,9 +66,9 @@ def test_a_worker_that_hangs_starves_the_watchdog_though_the_main_thread_lives(
                 plc.order()
             running.wait_for("worker_stalled", 10.0, worker=worker)
             manager.drain()
-            # the next second and a half: the main thread is there and says who hangs, and does not feed
+            # the main thread is there, has said once who hangs, and does not feed
             assert "WATCHDOG=1" not in manager.listen(1.5)
-            assert len(running.events("worker_stalled")) >= 3
+            assert len(running.events("worker_stalled")) == 1
 
             # the PLC sees a hung cell thread as an order that lasts, and a hung PLC thread as silence
             beat = plc.status.heartbeat
