@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import assert_never
 
 from cell import frames
+from cell.emptiness import is_empty
 from cell.faults import VisionFailed
 from cell.logs import logger
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
@@ -18,7 +19,7 @@ from drivers.timing import StopToken
 from drivers.types import Grip, JointAngles, PlcCommand, ResultCode
 from vision import transforms
 from vision.locate import locate
-from vision.types import Candidate, Floats, Scene
+from vision.types import Candidate, Floats
 
 log = logger("cycle")
 
@@ -117,7 +118,7 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
     refused = [*(why for plan in look.plans for why in plan.refused), *unreachable]
     station.looked(look)
     if chosen is None:
-        return _nothing_to_pick(order, look, refused)
+        return _nothing_to_pick(station, order, look, refused)
     if order.command is PlcCommand.VISION_ONLY:
         return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     if order.dry_run:
@@ -281,9 +282,19 @@ def _plain(
     )
 
 
-def _nothing_to_pick(order: PickOrder, look: Look, refused: list[PlanRefused]) -> PickResult:
+def _nothing_to_pick(
+    station: Station, order: PickOrder, look: Look, refused: list[PlanRefused]
+) -> PickResult:
     """Empty, or parts that cannot be had: the detail tells the two apart."""
-    outcome = Outcome.BIN_EMPTY if is_empty(look.scene, look.part.length_m) else Outcome.NOTHING_GRASPABLE
+    empty = is_empty(
+        look.scene,
+        look.part.length_m,
+        station.stereo,
+        station.table,
+        station.base_from_camera,
+        station.workspace,
+    )
+    outcome = Outcome.BIN_EMPTY if empty else Outcome.NOTHING_GRASPABLE
     reasons = {why.reason for why in refused}
     code = ResultCode.NO_PART_FOUND
     if reasons & {PlanRefusal.CLEARANCE}:
@@ -299,14 +310,6 @@ def _nothing_to_pick(order: PickOrder, look: Look, refused: list[PlanRefused]) -
         seen=len(look.scene.candidates),
         refused=_counts(look, refused),
     )
-
-
-def is_empty(scene: Scene, length_m: float) -> bool:
-    """True when nothing that could be a part was seen: no candidate, no segment of half its length."""
-    if scene.candidates:
-        return False
-    lengths = ((scene.segments.end - scene.segments.start) ** 2).sum(axis=1) ** 0.5
-    return not bool((lengths >= length_m / 2).any())
 
 
 def _report(

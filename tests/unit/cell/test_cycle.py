@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cell import cycle
-from cell.cycle import is_empty, run_order
+from cell.cycle import run_order
 from cell.faults import PictureUnusable, VisionFailed
 from cell.station import Stage
 from cell.types import Outcome, PickOrder, PickResult
@@ -334,21 +334,6 @@ def test_the_next_best_is_taken_when_the_arm_cannot_reach_the_best(see: Callable
     assert result.pose is not None
     assert result.pose.y == pytest.approx(-0.38)
     assert result.refused == {"REACH": 1}
-
-
-@pytest.mark.parametrize(
-    ("seen", "empty"),
-    [
-        (scene(), True),
-        (scene(loose_m=[((0.0, -0.45, 0.02), (0.039, -0.45, 0.02))]), True),
-        (scene(loose_m=[((0.0, -0.45, 0.02), (0.041, -0.45, 0.02))]), False),
-        (scene(REFUSED), False),
-        (scene(FREE), False),
-    ],
-    ids=["nothing", "a short bit", "half a part", "a refused part", "a part"],
-)
-def test_a_bin_is_empty_when_nothing_in_it_could_be_half_a_part(seen: Scene, empty: bool) -> None:
-    assert is_empty(seen, 0.080) is empty
 
 
 # ------------------------------------------------------------------------------ other commands
