@@ -25,7 +25,7 @@ demo: $(VENV)/.run  ## the main job on the simulated cell: a tray of 12 sticks i
 	$(BIN)/mikado demo
 
 test: $(VENV)/.dev  ## all tests that need no hardware
-	$(BIN)/pytest -q
+	$(BIN)/pytest -q -n 2 --dist loadfile
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .
