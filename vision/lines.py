@@ -207,7 +207,7 @@ def _corners(path: Floats, corner_px: float) -> Bools:
 
 
 @compiled
-def _sample(grey: Picture, u: float, v: float) -> float:
+def sample(grey: Picture, u: float, v: float) -> float:
     """Bilinear grey value; outside the picture its border value."""
     rows, columns = grey.shape
     u = min(max(u, 0.0), columns - 1.001)
@@ -257,8 +257,8 @@ def _steepest(
 @compiled
 def _slope(grey: Picture, u: float, v: float, du: float, dv: float, s: float, sign: float) -> float:
     """Grey per px at an offset along a direction, times sign."""
-    after = _sample(grey, u + (s + _STEP_PX) * du, v + (s + _STEP_PX) * dv)
-    before = _sample(grey, u + (s - _STEP_PX) * du, v + (s - _STEP_PX) * dv)
+    after = sample(grey, u + (s + _STEP_PX) * du, v + (s + _STEP_PX) * dv)
+    before = sample(grey, u + (s - _STEP_PX) * du, v + (s - _STEP_PX) * dv)
     return sign * (after - before) / (2.0 * _STEP_PX)
 
 

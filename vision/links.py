@@ -18,6 +18,9 @@ LINK_CHI2 = 16.0
 OFFSET_FLOOR_PX = 0.3
 ANGLE_FLOOR_RAD = 0.007
 """Lines are never better than this: parts and lenses are not perfectly straight."""
+SAME_WIDTHS, SAME_COSINE, SAME_SHARE = 0.4, 0.97, 0.5
+"""Two runs tell of one part where they are this near and parallel; a run mostly told of is no other part."""
+SAMPLES = 16
 GAP_COVER = 0.97
 SHADOW_WIDTHS = 1.0
 """Share of a gap that must be foreground, or how much of it may be missing at most, in part widths."""
@@ -64,6 +67,26 @@ def measure(look: Look, pieces: Pieces) -> list[Run]:
             )
         )
     return runs
+
+
+def lie_in(runs: list[Run], others: list[Run], width_px: float) -> list[bool]:
+    """Of each run, whether most of it is also told by others of about its line."""
+    if not others:
+        return [False] * len(runs)
+    origin = np.array([other.line.origin for other in others])
+    direction = np.array([other.line.direction for other in others])
+    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+    low = np.array([other.low for other in others]) - 1.0
+    high = np.array([other.high for other in others]) + 1.0
+    told = []
+    for run in runs:
+        same = np.abs(direction @ run.line.direction) > SAME_COSINE
+        relative = run.at(np.linspace(run.low, run.high, SAMPLES))[None] - origin[same, None]
+        along = np.einsum("opk,ok->op", relative, direction[same])
+        across = np.abs(np.einsum("opk,ok->op", relative, normal[same]))
+        inside = (across < SAME_WIDTHS * width_px) & (along > low[same, None]) & (along < high[same, None])
+        told.append(bool(inside.any(axis=0).mean() > SAME_SHARE))
+    return told
 
 
 def link(look: Look, runs: list[Run]) -> list[list[int]]:

@@ -13,6 +13,9 @@ from vision.lines import Line, Picture, fit_line, flanks
 from vision.stereo import Rectification, Side, unrectify_points
 from vision.types import Bools, Floats, Mask
 
+OWN_WIDTHS = 0.12
+"""Two flanks of one part are its width apart, to within what blur, noise and pixels do to them."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Look:
@@ -100,7 +103,7 @@ def evidence(look: Look, run: Run, low: float, high: float, window_px: float) ->
 
 def refine(look: Look, run: Run) -> Run | None:
     """The line again, to both flanks where both are seen and to one, half a width off, where only one is."""
-    for window in (max(1.5, 0.35 * look.width_px), max(1.0, 0.2 * look.width_px)):
+    for window in (max(1.5, 0.35 * look.width_px), max(0.8, 0.16 * look.width_px)):
         seen = evidence(look, run, run.low, run.high, window)
         both = seen.has_low & seen.has_high & seen.on
         if both.sum() < 3:
@@ -110,7 +113,9 @@ def refine(look: Look, run: Run) -> Run | None:
         centre = np.where(both, centre, np.where(seen.has_low, seen.low + half, seen.high - half))
         used = seen.on & (seen.has_low | seen.has_high)
         points = (run.at(seen.along) + centre[:, None] * run.line.normal)[used]
-        weights = np.where(both, 1.0, 0.25)[used]
+        # where the width is another, one flank is somebody else's
+        own = both & (np.abs(seen.high - seen.low - 2.0 * half) < OWN_WIDTHS * look.width_px)
+        weights = np.where(own, 1.0, 0.25)[used]
         line = fit_line(points, weights)
         if line is None:
             return None

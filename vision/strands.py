@@ -13,14 +13,17 @@ from enum import IntEnum
 import numpy as np
 
 from vision.lines import INNER_LANES, Line, Pieces, end_fall
-from vision.links import SHADOW_WIDTHS, join, link, measure
+from vision.links import SHADOW_WIDTHS, join, lie_in, link, measure
 from vision.look import Evidence, Look, Run, evidence, refine
+from vision.ribbons import ribbons
 from vision.stereo import unrectify_points
 from vision.types import Bools, Floats, Ints, read_only
 
 FREE_TIP_PX, HALF_TIP_PX, HIDDEN_TIP_PX = 0.25, 0.9, 30.0
 """Deviation along the axis of a tip that is seen whole, seen in part, or lies under something."""
 SINGLE_FLANK_BLINDNESS = 0.4
+RIBBON_WIDTHS = 1.5
+"""The shortest ribbon; shorter ones are mostly corners of crossings."""
 OUTER_LANES = (-2.0, 2.0)
 """In half widths: an edge that goes on there is the flank of a part across, not the end of this one."""
 DOUBT_WIDTHS = 3.0
@@ -76,20 +79,45 @@ def find_strands(look: Look, pieces: Pieces, grow_px: float, longest_px: float) 
     ----------
     look : Look
     pieces : Pieces
-        Raw pixels.
+        Raw pixels, from the skeleton. Ribbons found by their edges are added where no piece of skeleton
+        could be measured: mostly where parts lie side by side and the mask shows them as one.
     grow_px : float
         How far a part is followed beyond its outermost piece,
     longest_px : float
         as long as it is not longer than this.
     """
     runs = measure(look, pieces)
+    proposed = measure(look, _ribbons(look))
+    told = lie_in(proposed, runs, look.width_px)
+    runs += [run for run, known in zip(proposed, told, strict=True) if not known]
     # twice: lines refined on both flanks find partners that lines of short pieces miss
-    for _ in range(2):
-        joined = [join(runs, group) for group in link(look, runs)]
-        refined = [refine(look, run) for run in joined]
-        runs = [run for run in refined if run is not None]
+    runs = _refined(look, [join(runs, group) for group in link(look, runs)])
+    runs = _longest(runs, look.width_px)
+    groups = link(look, runs)
+    alone = [runs[group[0]] for group in groups if len(group) == 1]
+    runs = alone + _refined(look, [join(runs, group) for group in groups if len(group) > 1])
     rows = [_describe(look, run, grow_px, longest_px) for run in runs]
     return _without_doubles(_columns([row for row in rows if row is not None]), look.width_px)
+
+
+def _ribbons(look: Look) -> Pieces:
+    least_px = max(4.0, RIBBON_WIDTHS * look.width_px)
+    return ribbons(look.grey, look.mask, look.width_px, look.slope_floor, least_px)
+
+
+def _longest(runs: list[Run], width_px: float) -> list[Run]:
+    """The runs that no longer ones tell of."""
+    kept: list[Run] = []
+    for run in sorted(runs, key=lambda run: run.low - run.high):
+        if not lie_in([run], kept, width_px)[0]:
+            kept.append(run)
+    return kept
+
+
+def _refined(look: Look, runs: list[Run]) -> list[Run]:
+    """The lines again, those that their flanks bear out."""
+    found = [refine(look, run) for run in runs]
+    return [run for run in found if run is not None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -269,9 +297,10 @@ def _without_doubles(strands: Strands, width_px: float) -> Strands:
     for number in np.argsort(-length * (0.3 + strands.seen)).tolist():
         if length[number] < 1.5 * width_px:
             continue
-        if any(_lies_along(strands, number, other, width_px) for other in kept):
-            continue
-        if not _lies_within(strands, number, kept, width_px):
+        others = np.array(kept, np.int64)
+        if not _lies_along(strands, length, number, others, width_px) and not _lies_within(
+            strands, length, number, others, width_px
+        ):
             kept.append(number)
     return rows_of(strands, np.array(sorted(kept), np.int64))
 
@@ -293,25 +322,26 @@ def rows_of(strands: Strands, rows: Ints) -> Strands:
     )
 
 
-def _lies_along(strands: Strands, number: int, other: int, width_px: float) -> bool:
-    axis = strands.direction[other]
-    relative = strands.tips[number] - strands.tips[other, 0]
-    across = np.abs(relative @ np.array([-axis[1], axis[0]]))
-    along = np.sort(relative @ axis)
-    length = float(strands.length_px[other])
-    shared = min(along[1], length) - max(along[0], 0.0)
-    return bool(across.max() < 0.45 * width_px and shared > 0.6 * (along[1] - along[0]))
+def _lies_along(strands: Strands, length: Floats, number: int, others: Ints, width_px: float) -> bool:
+    """True where most of a strand runs along the axis of one of the others."""
+    axis, start = strands.direction[others], strands.tips[others, 0]
+    relative = strands.tips[number] - start[:, None]
+    normal = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    across = np.abs(np.einsum("otk,ok->ot", relative, normal)).max(axis=1)
+    along = np.einsum("otk,ok->ot", relative, axis)
+    low, high = along.min(axis=1), along.max(axis=1)
+    shared = np.minimum(high, length[others]) - np.maximum(low, 0.0)
+    return bool(np.any((across < 0.45 * width_px) & (shared > 0.6 * (high - low))))
 
 
-def _lies_within(strands: Strands, number: int, others: list[int], width_px: float) -> bool:
+def _lies_within(strands: Strands, length: Floats, number: int, others: Ints, width_px: float) -> bool:
     """True where a strand's axis stays inside the bands of longer ones: the merged middle of a crossing."""
     start, end = strands.tips[number]
     points = start + np.linspace(0.1, 0.9, 9)[:, None] * (end - start)
-    inside = np.zeros(len(points), np.bool_)
-    for other in others:
-        axis = strands.direction[other]
-        relative = points - strands.tips[other, 0]
-        along = relative @ axis
-        across = np.abs(relative @ np.array([-axis[1], axis[0]]))
-        inside |= (across < 0.55 * width_px) & (along > 0.0) & (along < strands.length_px[other])
-    return bool(inside.all())
+    axis = strands.direction[others]
+    relative = points - strands.tips[others, 0][:, None]
+    normal = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    along = np.einsum("opk,ok->op", relative, axis)
+    across = np.abs(np.einsum("opk,ok->op", relative, normal))
+    inside = (across < 0.55 * width_px) & (along > 0.0) & (along < length[others, None])
+    return bool(inside.any(axis=0).all())

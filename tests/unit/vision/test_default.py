@@ -50,6 +50,21 @@ def test_a_stick_in_the_open_is_measured_to_half_a_millimetre_at_every_angle(ang
     assert found.part_code == 7
 
 
+@pytest.mark.parametrize("angle_deg", [0, 30, 60, 90, 135])
+@pytest.mark.parametrize("shift_m", [0.0, 0.02])
+def test_two_sticks_side_by_side_are_both_offered(angle_deg: int, shift_m: float) -> None:
+    first = lying(0.0, 0.0, angle_deg)
+    along = (first.end - first.start) / 0.1
+    step = shift_m * along + 0.004 * np.array([-along[1], along[0], 0.0])
+    second = Stick(start=first.start + step, end=first.end + step)
+
+    scene = look([first, second])
+
+    assert len(scene.offered) == 2
+    # nearer than the parts' own width: each is itself and not the two of them
+    assert all(nearest(scene.offered, stick)[1] < 0.002 for stick in (first, second))
+
+
 def test_of_two_crossed_sticks_the_upper_is_offered_and_the_lower_refused() -> None:
     upper, lower = lying(0, 0, 20, height_m=0.006), lying(0, 0, 80, height_m=0.002)
 

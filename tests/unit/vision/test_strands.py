@@ -18,15 +18,15 @@ from vision.types import Floats
 WIDTH_PX, LENGTH_PX = 5.7, 143.0
 
 
-def strands_of(sticks: list[Stick], light: float = 160.0) -> Strands:
+def strands_of(sticks: list[Stick], light: float = 160.0, width_px: float = WIDTH_PX) -> Strands:
     grey = pair(sticks, light=light)[0]
-    found = stands_out(grey, WIDTH_PX)
+    found = stands_out(grey, width_px)
     look = Look(
         grey=grey.astype(np.float32),
         mask=found.mask,
         rect=rectification(rig()),
         side="left",
-        width_px=WIDTH_PX,
+        width_px=width_px,
         contrast_grey=found.contrast_grey,
     )
     pieces = straight_pieces(prune(trace(guo_hall(found.mask)), 8.0), 1.4, 4.4, 5.7)
@@ -79,6 +79,59 @@ def test_three_sticks_through_one_point_are_three_strands() -> None:
 
     assert len(strands) == 3
     assert all(strand_of(strands, stick)[1] < 1.5 for stick in sticks)
+
+
+def beside(stick: Stick, shift_m: float, turn_deg: float, angle_deg: float) -> Stick:
+    """A stick that touches another one, shifted along it or turned about the end where they touch."""
+    along = (stick.end - stick.start) / np.linalg.norm(stick.end - stick.start)
+    aside = np.array([-along[1], along[0], 0.0])
+    turned = np.radians(angle_deg + turn_deg)
+    way = np.array([np.cos(turned), np.sin(turned), 0.0])
+    start = stick.start + shift_m * along + 0.004 * aside
+    return Stick(start=start, end=start + 0.1 * way)
+
+
+@pytest.mark.parametrize("angle_deg", [0, 25, 45, 78, 110, 135, 160])
+@pytest.mark.parametrize(("shift_m", "turn_deg"), [(0.0, 0.0), (0.004, 0.0), (0.03, 0.0), (0.0, 3.0)])
+def test_two_sticks_side_by_side_are_two_strands(angle_deg: int, shift_m: float, turn_deg: float) -> None:
+    first = lying(0.005, 0.003, angle_deg)
+    sticks = [first, beside(first, shift_m, turn_deg, angle_deg)]
+
+    strands = strands_of(sticks)
+
+    assert len(strands) == 2
+    found = [strand_of(strands, stick) for stick in sticks]
+    assert {number for number, _ in found} == {0, 1}
+    assert all(off_px < 2.0 for _, off_px in found)
+    # edges at a seam lie on the parts' shoulders
+    assert strands.width_px == pytest.approx(4.8, abs=1.0)
+
+
+@pytest.mark.parametrize("angle_deg", [0, 45, 78])
+def test_three_sticks_side_by_side_are_three_strands(angle_deg: int) -> None:
+    first = lying(0.005, 0.003, angle_deg)
+    second = beside(first, 0.01, 0.0, angle_deg)
+
+    strands = strands_of([first, second, beside(second, -0.02, 0.0, angle_deg)])
+
+    assert len(strands) == 3
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 60, 135])
+def test_a_part_of_twice_the_width_is_one_strand_where_parts_are_that_wide(angle_deg: int) -> None:
+    thin = lying(0, 0, angle_deg)
+
+    strands = strands_of([Stick(start=thin.start, end=thin.end, radius_m=0.004)], width_px=2 * WIDTH_PX)
+
+    assert len(strands) == 1
+    assert strands.width_px[0] == pytest.approx(2 * WIDTH_PX, abs=1.5)
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 60, 135])
+def test_a_part_of_twice_the_width_is_not_taken_for_two(angle_deg: int) -> None:
+    thin = lying(0, 0, angle_deg)
+
+    assert len(strands_of([Stick(start=thin.start, end=thin.end, radius_m=0.004)])) == 0
 
 
 def test_two_sticks_in_line_with_a_gap_stay_two() -> None:
