@@ -72,7 +72,6 @@ class _Daemon:
         cell_beat = Beat("cell", _CELL_LIMIT_S, self._clock)
         cell_clock = BeatingClock(self._clock, cell_beat)
         cell_stop, plc_stop = StopToken(cell_clock), StopToken(self._clock)
-        self._plc_stop = plc_stop
         overlay_stop = StopToken(self._clock)
         self._overlays: OverlayWriter | None = None
         parts = wiring.build(config, str(path), self._clock, cell_clock, self._progress, self._looked)
