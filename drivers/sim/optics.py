@@ -88,10 +88,16 @@ def calibration_text(layout: CamerasLayout) -> str:
         "D1": list(layout.left.distortion),
         "K2": right.matrix().tolist(),
         "D2": list(layout.right.distortion),
-        "R": right_from_left[:3, :3].tolist(),
-        "T": right_from_left[:3, 3].tolist(),
-        "base_from_camera": left.base_from_camera.tolist(),
+        "R": _told(right_from_left[:3, :3]),
+        "T": _told(right_from_left[:3, 3]),
+        "base_from_camera": _told(left.base_from_camera),
         "rms_px": 0.0,
         "cameras": {"left": "sim-left", "right": "sim-right"},
     }
     return json.dumps(content, indent=1) + "\n"
+
+
+def _told(numbers: Floats) -> list[float] | list[list[float]]:
+    """Twelve decimals: the last bits differ from one maker's processor to the next."""
+    told: list[float] | list[list[float]] = (np.round(numbers, 12) + 0.0).tolist()
+    return told

@@ -27,10 +27,17 @@ def _demo(out: Path, *more: str) -> subprocess.Popen[str]:
 
 
 def _children(session: int) -> list[str]:
-    listed = subprocess.run(
-        ["ps", "-o", "args=", "-g", str(session)], check=False, capture_output=True, text=True
-    )
-    return [line for line in listed.stdout.splitlines() if "<defunct>" not in line]
+    """Command lines of the living processes of a session; read from /proc, because `ps` may not be there."""
+    alive = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            # after the command's name in brackets: state, parent, group, session
+            fields = (folder / "stat").read_text(encoding="utf-8", errors="replace").rsplit(")", 1)[1].split()
+            if int(fields[3]) == session and fields[0] != "Z":
+                alive.append((folder / "cmdline").read_text(encoding="utf-8", errors="replace"))
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it ended while we looked
+    return alive
 
 
 def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path) -> None:
