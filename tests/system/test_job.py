@@ -4,6 +4,7 @@ daemon's word for it."""
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sqlite3
 import subprocess
@@ -90,5 +91,5 @@ def test_a_demo_that_is_told_to_end_takes_its_processes_with_it(tmp_path: Path) 
         assert json.loads((tmp_path / "summary.json").read_text())["failed"] == "asked to end"
     finally:
         if demo.poll() is None:
-            demo.kill()
+            os.killpg(demo.pid, signal.SIGKILL)  # its children too: a failing test leaves nothing behind
         demo.communicate()

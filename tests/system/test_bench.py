@@ -1,0 +1,26 @@
+"""`make bench` runs: the README sends people there."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not on this machine")
+def test_the_makefiles_bench_command_prints_both_methods() -> None:
+    told = subprocess.run(["make", "-n", "bench"], cwd=ROOT, check=True, capture_output=True, text=True)
+    _, *words = shlex.split(told.stdout.splitlines()[-1])
+    small = ["--piles", "1", "--sticks", "3", "--repeats", "1"]
+    ran = subprocess.run(
+        [sys.executable, *words, *small], cwd=ROOT, check=False, capture_output=True, text=True, timeout=120
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "published" in ran.stdout
+    assert "default" in ran.stdout
