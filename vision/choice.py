@@ -30,9 +30,11 @@ THROUGH = 0.6
 """Axes nearer than this share of the diameter pass through each other."""
 THROUGH_LENGTHS = 0.25
 PARALLEL = 0.97
-BELOW_SHARE = 0.35
-"""A part counts as covering another unless it lies this share of a diameter below it."""
+BELOW_SHARE, ABOVE_SHARE, CROSSING = 0.35, 0.5, 0.95
+"""A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
+along it (cosine), from the second share above it."""
 MOST_COVERS = 64
+LEAST_RISE = 0.02
 NEVER = -1e9
 
 
@@ -65,6 +67,8 @@ class State(NamedTuple):
     claims: npt.NDArray[np.int64]
     claim_count: Ints
     gain: Floats
+    near_at: Ints
+    near: Ints
     size_px: float
     width_px: float
     diameter: float
@@ -96,6 +100,8 @@ def state(
     """
     n = len(hypotheses)
     longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
+    margin = 1.5 * width_px + 3.0
+    near_at, near = _neighbours(seen.ends, np.ascontiguousarray(space), margin, THROUGH * diameter_m)
     return State(
         count=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
@@ -104,9 +110,9 @@ def state(
         taken_l=np.zeros(len(left.table) + 1, np.uint16), taken_r=np.zeros(len(right.table) + 1, np.uint16),
         disparity=np.ascontiguousarray(hypotheses[:, [3, 6]]), space=np.ascontiguousarray(space), prior=prior,
         soft=np.zeros(n), hard=np.zeros(n, np.int64),
-        covers=np.zeros((n, 2, MOST_COVERS, 3), np.int32), covered=np.zeros((n, 2), np.int64),
+        covers=np.zeros((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
         claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
-        gain=np.zeros(n), size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
+        gain=np.zeros(n), near_at=near_at, near=near, size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
     )  # fmt: skip
 
 
@@ -116,14 +122,15 @@ def gain_of(h: int, s: State) -> float:
     if s.hard[h] > 0:
         return NEVER
     total = s.prior[h] - s.soft[h]
-    hidden = np.zeros(s.value.shape[2], np.bool_)
+    hidden = np.zeros(s.value.shape[2], np.uint8)
     for view in range(2):
         taken = s.taken_l if view == 0 else s.taken_r
         steps = s.count[h, view]
-        hidden[:steps] = False
+        hidden[:steps] = 0
         for c in range(s.covered[h, view]):
+            level = 1 + s.covers[h, view, c, 3]
             for q in range(s.covers[h, view, c, 1], s.covers[h, view, c, 2]):
-                hidden[q] = True
+                hidden[q] = max(hidden[q], level)
         part = 0.0
         for q in range(steps):
             kind = s.ground[h, view, q]
@@ -140,8 +147,11 @@ def gain_of(h: int, s: State) -> float:
             e = s.edge[h, view, q, 1]
             if e >= 0 and taken[e] == 0:
                 high = s.value[h, view, q, 1]
-            if low == 0.0 and high == 0.0:
-                part -= HIDDEN if hidden[q] else UNSEEN
+            if hidden[q] == 2:
+                # what is seen through another part is not this one
+                part -= HIDDEN
+            elif low == 0.0 and high == 0.0:
+                part -= HIDDEN if hidden[q] > 0 else UNSEEN
             else:
                 part += ONE_FLANK * (low + high) + BOTH_FLANKS * min(low, high) - SEEN_COST
         dx = s.ends[h, view, 2] - s.ends[h, view, 0]
@@ -155,7 +165,7 @@ def gain_of(h: int, s: State) -> float:
                     tip += s.tip_value[h, view, end, lane]
             tip /= LANES
             total += TIP_WIDTHS * s.width_px * tip
-            if not hidden[0 if end == 0 else max(steps - 1, 0)]:
+            if hidden[0 if end == 0 else max(steps - 1, 0)] == 0:
                 total -= NO_TIP_WIDTHS * s.width_px * max(0.0, 1 - 1.6 * tip)
             more = 0.0
             for q in range(BEYOND):
@@ -226,24 +236,52 @@ def _apart(s: State, h: int, k: int) -> tuple[float, float]:
 
 
 @compiled
-def near_in_picture(s: State, h: int, k: int) -> bool:
-    """Whether two hypotheses can share edges or cover each other: their outlines, a width wider, meet."""
+def _neighbours(ends: Floats, space: Floats, margin: float, through: float) -> tuple[Ints, Ints]:
+    """For each hypothesis those that it can share edges with, cover, or pass through: starts and places."""
+    count = len(ends)
+    starts = np.zeros(count + 1, np.int64)
+    found = np.empty(count * count, np.int64)
+    total = 0
+    for h in range(count):
+        for k in range(count):
+            if h != k and (_meet_in_picture(ends, h, k, margin) or _touch(space, h, k, through)):
+                found[total] = k
+                total += 1
+        starts[h + 1] = total
+    return starts, found[:total].copy()
+
+
+@compiled
+def _touch(space: Floats, h: int, k: int, through: float) -> bool:
+    """Whether the boxes round two axes come nearer than ``through``."""
+    for n in range(3):
+        low = max(min(space[h, 0, n], space[h, 1, n]), min(space[k, 0, n], space[k, 1, n]))
+        high = min(max(space[h, 0, n], space[h, 1, n]), max(space[k, 0, n], space[k, 1, n]))
+        if low - high > through:
+            return False
+    return True
+
+
+@compiled
+def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
+    """Whether two hypotheses come nearer than ``margin`` in either picture, by separating axes."""
     for view in range(2):
-        margin = 1.5 * s.width_px + 3.0
-        for first, second in ((h, k), (k, h)):
-            xa, ya = s.ends[first, view, 0], s.ends[first, view, 1]
-            dx, dy = s.ends[first, view, 2] - xa, s.ends[first, view, 3] - ya
+        apart = False
+        for turn in range(2):
+            first, second = (h, k) if turn == 0 else (k, h)
+            xa, ya = ends[first, view, 0], ends[first, view, 1]
+            dx, dy = ends[first, view, 2] - xa, ends[first, view, 3] - ya
             size = np.hypot(dx, dy)
             ux, uy = dx / size, dy / size
-            px, py = s.ends[second, view, 0] - xa, s.ends[second, view, 1] - ya
-            qx, qy = s.ends[second, view, 2] - xa, s.ends[second, view, 3] - ya
+            px, py = ends[second, view, 0] - xa, ends[second, view, 1] - ya
+            qx, qy = ends[second, view, 2] - xa, ends[second, view, 3] - ya
             c0, c1 = -px * uy + py * ux, -qx * uy + qy * ux
             t0, t1 = px * ux + py * uy, qx * ux + qy * uy
             if min(c0, c1) > margin or max(c0, c1) < -margin:
-                break
+                apart = True
             if min(t0, t1) > size + margin or max(t0, t1) < -margin:
-                break
-        else:
+                apart = True
+        if not apart:
             return True
     return False
 
@@ -252,17 +290,14 @@ def near_in_picture(s: State, h: int, k: int) -> bool:
 def take(s: State, k: int, alive: Bools) -> None:
     """Choose k: claims, covers and conflicts of all others follow, and the gains of those it touches."""
     _claim(s, k, True)
-    for h in range(len(alive)):
-        if h == k:
-            continue
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
         apart, cosine = _apart(s, h, k)
         if apart < THROUGH * s.diameter:
             if cosine > PARALLEL:
                 s.hard[h] += 1
             else:
                 s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
-        if not near_in_picture(s, h, k):
-            continue
         for view in range(2):
             first, last, above = _overlap(s, h, k, view)
             at = s.covered[h, view]
@@ -270,6 +305,7 @@ def take(s: State, k: int, alive: Bools) -> None:
                 s.covers[h, view, at, 0] = k
                 s.covers[h, view, at, 1] = first
                 s.covers[h, view, at, 2] = last
+                s.covers[h, view, at, 3] = 1 if above > ABOVE_SHARE * s.step_d and cosine < CROSSING else 0
                 s.covered[h, view] += 1
         if alive[h]:
             s.gain[h] = gain_of(h, s)
@@ -279,9 +315,8 @@ def take(s: State, k: int, alive: Bools) -> None:
 def give_back(s: State, k: int) -> None:
     """Undo `take`, but for the gains."""
     _claim(s, k, False)
-    for h in range(len(s.gain)):
-        if h == k:
-            continue
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
         apart, cosine = _apart(s, h, k)
         if apart < THROUGH * s.diameter:
             if cosine > PARALLEL:
@@ -292,7 +327,7 @@ def give_back(s: State, k: int) -> None:
             kept = 0
             for c in range(s.covered[h, view]):
                 if s.covers[h, view, c, 0] != k:
-                    for n in range(3):
+                    for n in range(4):
                         s.covers[h, view, kept, n] = s.covers[h, view, c, n]
                     kept += 1
             s.covered[h, view] = kept
@@ -348,8 +383,9 @@ def exchange(s: State, chosen: Bools, rivals: Bools) -> bool:
         give_back(s, i)
         chosen[i] = False
         best, most = i, gain_of(i, s)
-        for k in range(count):
-            if k != i and rivals[i, k] and not chosen[k]:
+        for at_near in range(s.near_at[i], s.near_at[i + 1]):
+            k = s.near[at_near]
+            if rivals[i, k] and not chosen[k]:
                 value = gain_of(k, s)
                 if value > most:
                     best, most = k, value
@@ -375,6 +411,107 @@ def energy(s: State, chosen: Bools) -> float:
     for k in order:
         total += gain_of(k, s)
         take(s, k, alive)
+    return total
+
+
+@compiled
+def deepen(s: State, chosen: Bools, rivals: Bools, margin: float, most: int) -> int:
+    """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the exchange
+    stays where the sum of all gains about it has risen. Returns how many stayed."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    loss = np.empty(4 * most)
+    pairs = np.empty((4 * most, 2), np.int64)
+    found = 0
+    for i in range(count):
+        if not chosen[i]:
+            continue
+        give_back(s, i)
+        own = gain_of(i, s)
+        for at_near in range(s.near_at[i], s.near_at[i + 1]):
+            k = s.near[at_near]
+            if not rivals[i, k] or chosen[k] or found >= len(loss):
+                continue
+            # conflicts with others are theirs to solve
+            blocked = s.hard[k]
+            s.hard[k] = 0
+            value = gain_of(k, s)
+            s.hard[k] = blocked
+            if own - value < margin:
+                loss[found] = own - value
+                pairs[found, 0], pairs[found, 1] = i, k
+                found += 1
+        take(s, i, nobody)
+    order = np.argsort(loss[:found])[:most]
+    stayed = 0
+    for at in order:
+        i, k = pairs[at, 0], pairs[at, 1]
+        if not chosen[i] or chosen[k]:
+            continue
+        stayed += _try(s, chosen, i, k)
+    return stayed
+
+
+@compiled
+def _try(s: State, chosen: Bools, i: int, k: int) -> int:
+    """Force k in for i; 1 if it stayed. Only what is near either of them is touched."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    about = np.zeros(count, np.bool_)
+    for centre in (i, k):
+        for at_near in range(s.near_at[centre], s.near_at[centre + 1]):
+            about[s.near[at_near]] = True
+    about[i] = True
+    about[k] = True
+    before = _local(s, chosen, about)
+    was = chosen.copy()
+    give_back(s, i)
+    chosen[i] = False
+    for j in range(count):
+        if chosen[j] and about[j] and j != k:
+            apart, cosine = _apart(s, j, k)
+            if apart < THROUGH * s.diameter and cosine > PARALLEL:
+                give_back(s, j)
+                chosen[j] = False
+    chosen[k] = True
+    take(s, k, nobody)
+    least = 2 * ACCEPT_LENGTHS * s.size_px
+    while True:
+        best, most = -1, least
+        for j in range(count):
+            if about[j] and not chosen[j]:
+                value = gain_of(j, s)
+                if value > most:
+                    best, most = j, value
+        if best < 0:
+            break
+        chosen[best] = True
+        take(s, best, nobody)
+    if _local(s, chosen, about) > before + LEAST_RISE * s.size_px:
+        return 1
+    for j in range(count):
+        if chosen[j] and not was[j]:
+            give_back(s, j)
+    for j in range(count):
+        if was[j] and not chosen[j]:
+            take(s, j, nobody)
+        chosen[j] = was[j]
+    return 0
+
+
+@compiled
+def _local(s: State, chosen: Bools, about: Bools) -> float:
+    """Sum of the gains of the chosen parts in a place, nearest first, all others as they are."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    rows = np.flatnonzero(chosen & about)
+    order = rows[np.argsort(-(s.disparity[rows, 0] + s.disparity[rows, 1]))]
+    for k in order:
+        give_back(s, k)
+    total = 0.0
+    for k in order:
+        total += gain_of(k, s)
+        take(s, k, nobody)
     return total
 
 

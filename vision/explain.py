@@ -26,6 +26,8 @@ LENGTH_SIGMA_SHARE = 0.005
 LENGTH_SHARE = 0.08
 SAME_PX = 0.6
 ROUNDS = 3
+DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
+"""Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
 NUDGE_PX = 2.0
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
@@ -96,6 +98,8 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
             if not choice.exchange(now, chosen, rivals):
                 break
             choice.greedy(now, chosen)
+        if turn > 0:
+            choice.deepen(now, chosen, rivals, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
         if turn == ROUNDS - 1:
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)

@@ -28,13 +28,15 @@ from vision.types import (
 
 LEAST_BOTH = 0.1
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""
-WIDTH_SHARE = (0.8, 1.22)
+WIDTH_SHARE = (0.72, 1.25)
 BOW_WIDTHS = 0.12
 OUTSIDE_SHARE = 0.02
 NEAR_LENGTHS = 1.6
 """Parts longer or shorter than this many times the product are somebody else's, not refused ones."""
 WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
+VAGUE_DIAMETERS = 1.0
+"""A centre that is not known better than this would be gripped above or below."""
 COLOUR_SAMPLES = 40
 COLOUR_INNER = 0.5
 """Colour is read within this share of the half width; further out light and neighbours mix in."""
@@ -75,7 +77,7 @@ def candidates(
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
     order = ranked(over, found.margin, is_product)
-    order = [row for row in order if known[row].offered] + [row for row in order if not known[row].offered]
+    order = sorted(order, key=lambda row: (not known[row].offered, _is_vague(known[row])))
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]
     place = {row: n for n, row in enumerate(rows)}
@@ -84,6 +86,10 @@ def candidates(
         crossings=_crossings(measured, over, frame, place),
         rows=rows,
     )
+
+
+def _is_vague(candidate: Candidate) -> bool:
+    return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
 def _candidate(
@@ -112,6 +118,9 @@ def _candidate(
     crossing = _most_in_middle(row, over)
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
+    vague = VAGUE_DIAMETERS * part.diameter_m
+    if sigma_m > vague:
+        reasons.append(Refused(reason=Refusal.VAGUE, value=sigma_m, limit=vague, unit="m"))
     if abs(row_offset_px) > MOST_ROW_OFFSET_PX:
         reasons.append(
             Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px")

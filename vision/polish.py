@@ -22,9 +22,11 @@ CLEAR_SAMPLES = 3
 """Samples next to the ends that are not read: there the outline turns."""
 SHADED_SIGMA_PX = 0.03
 """What light still shifts the flanks of one view by after the profile has been read."""
-TILT_SHARE = 0.25
+TILT_SHARE = 0.05
 ROUNDS, SPACING_PX = 5, 1.5
 MOST_PROFILES = 12
+MOST_MOVED_PX, LEAST_KEPT = 2.5, 0.6
+"""A part that moves further, or keeps less of what tells its place, has jumped to something else."""
 STEP_PX = 1e-3
 
 
@@ -69,9 +71,17 @@ def polish(
         taken = (now.taken_l, now.taken_r)
         one = parts[place : place + 1].copy()
         own = slice(place, place + 1)
+        plain = one.copy()
+        before = settle(plain, left, right, taken, frame, TILT_SHARE, 2, SPACING_PX)
         normals = settle(
             one, left, right, taken, frame, TILT_SHARE, ROUNDS, SPACING_PX, shift[own], loose[own]
         )
+        moved = np.abs(one[0, 1:7] - parts[place, 1:7]).max()
+        if moved > MOST_MOVED_PX or np.trace(normals[0]) < LEAST_KEPT * np.trace(before[0]):
+            # it lost its own edges on the way: the first measurement stands, without the shading
+            one, normals = plain, before
+            shift[own] = 0.0
+            loose[own] = UNSHADED_SIGMA_PX
         covariance[place] = np.linalg.inv(normals[0] + 1e-6 * np.eye(6))
         if (now.tip_value[k].mean(axis=2) > SEEN).all():
             free = one.copy()

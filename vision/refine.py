@@ -20,8 +20,8 @@ SCORE, XA, YA, DA, XB, YB, DB, UNIT, LENGTH, KIND = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 COLUMNS = 10
 """A hypothesis: score, both ends (x, y, d), width over disparity, known length m (0: unknown), which
 product it is (-1: none of them)."""
-NARROWEST, WIDEST = 0.75, 1.25
-FLANK_SIGMA_PX, TIP_SIGMA_PX = 0.33, 0.4
+NARROWEST, WIDEST = 0.65, 1.35
+FLANK_SIGMA_PX, TIP_SIGMA_PX, HIDDEN_SIGMA_PX = 0.33, 0.4, 4.0
 ROW_SIGMA_PX = 0.05
 """What a good calibration leaves between the rows of the two pictures."""
 ONE_FLANK_WEIGHT = 0.25
@@ -211,6 +211,12 @@ def refine(
                         table, at, taken, x, y, ox, oy, width, 3.5 if turn < 2 else 2.5
                     )
                     if lanes < 2:
+                        # a hidden end: the window says where it is, to a few pixels
+                        weight = 0.5 / (HIDDEN_SIGMA_PX * HIDDEN_SIGMA_PX)
+                        row[0], row[1], row[2] = ox, oy, -view * ox
+                        for a in range(3):
+                            for b in range(3):
+                                matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
                         continue
                     cap, doubt = cap_px(p, end, view, width, fb, focal, baseline, cx, cy)
                     off -= cap
@@ -230,8 +236,10 @@ def refine(
                 right[a] += weight * row[a] * (length - now)
                 for b in range(6):
                     matrix[a, b] += weight * row[a] * row[b]
-            weight = 1 / (tilt_share * now * step_d) ** 2
             tilt = p[2] - p[5] - level[0] * (p[0] - p[3]) - level[1] * (p[1] - p[4])
+            # Cauchy's law: most parts lie flat, and one that clearly does not is believed
+            usual = tilt_share * now * step_d
+            weight = 1 / (usual * usual + tilt * tilt)
             matrix[2, 2] += weight
             matrix[5, 5] += weight
             matrix[2, 5] -= weight

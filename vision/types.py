@@ -230,10 +230,11 @@ class Refusal(Enum):
     FLANKS = "its two flanks are not seen together"
     BENT = "not straight"
     COLOUR = "another colour"
+    VAGUE = "its place is not known well enough"
     ROWS = "the rows of the two pictures do not agree"
 
 
-_PASSING = frozenset({Refusal.CROSSED, Refusal.TILT})
+_PASSING = frozenset({Refusal.CROSSED, Refusal.TILT, Refusal.VAGUE})
 """Reasons against picking a part now; that it is the product is settled."""
 
 

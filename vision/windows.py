@@ -201,7 +201,7 @@ def _slide(
                     span[s + reach] = m
                     any_good = True
                 if any_good:
-                    for _ in range(2):
+                    for _ in range(4):
                         q = int(np.argmax(score))
                         if score[q] < least or count >= MOST:
                             break
