@@ -19,6 +19,8 @@ MARKS, AROUND = 112, 12
 """Places along and around a rod for which its light is worked out."""
 LAMP_POINTS = 12
 """Points of the lamp's disc that are tested against blocks."""
+BACK = 0.22
+"""Share of the lamp's light that reaches a part in full shadow by way of the pale parts around it."""
 BLOCK_OWNER = 250
 """From here up an owner is a block, below it is a rod; -1 is the table."""
 
@@ -51,7 +53,7 @@ def _meet(x: float, y: float, rod: Floats) -> tuple[float, float]:
         return -1.0, 0.0
     t = (middle + end) / ray_axis
     off = t * t * square - 2.0 * t * ray_centre + own - end * end
-    # |p - centre|^2 with p on the end's plane: what is left beyond end^2 is the square of the distance to the axis
+    # on the end's plane, what |p - centre|^2 has beyond end^2 is the square of the distance to the axis
     if t > 0.0 and off <= radius * radius:
         return t, end
     return -1.0, 0.0
@@ -124,7 +126,7 @@ def raster_blocks(
 
 @compiled
 def _slab(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, block: Floats) -> float:
-    """Where a ray enters a block, in the block's own turned frame with its foot at z = 0; -1 if it does not."""
+    """Where a ray enters a block, in the block's own turned frame, foot at z = 0; -1 if it does not."""
     near, far = -1e9, 1e9
     for axis in range(3):
         if axis == 0:
@@ -146,7 +148,7 @@ def _slab(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, bloc
 def _disc_share(offset: float) -> float:
     """Area share of the unit disc left of a chord at ``offset``."""
     x = min(1.0, max(-1.0, offset))
-    return 0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi
+    return float(0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi)
 
 
 @compiled
@@ -236,10 +238,11 @@ def rod_light(
                     a, b = _through(px, py, pz, rods[other], lamp)
                     one *= a
                     two *= b
-                lit[n, m, k] = one * _past_blocks(px, py, pz, blocks, floor_z, lamp)
+                # parts light one another: of what they keep away some comes back
+                lit[n, m, k] = (BACK + (1.0 - BACK) * one) * _past_blocks(px, py, pz, blocks, floor_z, lamp)
                 # the table below keeps the room's light from what lies low and looks down
                 low = min(max((pz - floor_z) / (4.0 * rods[n, 7]), 0.0), 1.0)
-                room[n, m, k] = two**0.6 * (0.6 + 0.4 * low)
+                room[n, m, k] = two ** (1.0 - 2.5 * BACK) * (0.6 + 0.4 * low)
 
 
 @compiled
@@ -298,7 +301,8 @@ def _smooth(grid: Small, row: float, column: float) -> float:
     i, j = int(row), int(column)
     a, b = row - i, column - j
     above = (1.0 - b) * grid[i, j] + b * grid[i, j + 1]
-    return (1.0 - a) * above + a * ((1.0 - b) * grid[i + 1, j] + b * grid[i + 1, j + 1])
+    below = (1.0 - b) * grid[i + 1, j] + b * grid[i + 1, j + 1]
+    return float((1.0 - a) * above + a * below)
 
 
 @compiled
@@ -353,7 +357,7 @@ def shade(
     grain, which : (G, L, A) float32, (N,) int
         Factors about 1 along and around a rod, and the one of each rod.
     table, table_tone, pattern : (T, T) float32, (3,), (5,) float
-        The table's factors about 1, repeated; its colour; cosine and sine of its turn, its shift, and its step, m.
+        The table's factors about 1, repeated; its colour; cosine and sine of its turn, shift and step, m.
     cells : (3,) float
         Origin and size of the cells of ``table_lit``, ``table_room``.
     lamp : (6,) float

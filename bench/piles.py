@@ -2,9 +2,9 @@
 
 ``python -m bench.piles --out DIR [--family H10 H20 H40] [--count 5] [--rig webcam] [--seed 7]``
 
-DIR gets ``rigs/<rig>.json`` and ``scenes/<scene>/`` with both pictures, the request, the truth and who is seen at
-which pixel: what `mikado evaluate` reads and what a scoring program needs. Millimetres. Without a seed every run
-makes scenes that never were before; the seed is printed.
+DIR gets ``rigs/<rig>.json`` and ``scenes/<scene>/`` with both pictures, the request, the truth and who is
+seen at which pixel: what `mikado evaluate` reads and what a scoring program needs. Millimetres. Without a
+seed every run makes scenes that never were before; the seed is printed.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def scene_rng(seed: int, family: str, rig: Rig, number: int) -> np.random.Genera
     return np.random.default_rng([seed, *f"{family} {rig.name}".encode(), number])
 
 
-def draw(family: str, rig: Rig, rng: np.random.Generator) -> Scene:
+def draw(family: str, rig: Rig, rng: np.random.Generator, number: int = 0) -> Scene:
     """Set up a scene, photograph it and say what is true of it."""
-    setting = scenery(family, rig, rng)
+    setting = scenery(family, rig, rng, number)
     views = photograph(setting.rods, setting.blocks, rig, setting.look, rng)
     left = rays("industrial" if rig.mono else "webcam")[0][0]
     return Scene(
@@ -192,8 +192,9 @@ def main() -> None:
     for family in options.family:
         density, count = 0.0, options.count
         for number in range(count):
-            scene = draw(family, rig, scene_rng(seed, family, rig, number))
-            write_scene(options.out, f"{family}-{number + 1}{ending}", scene, family, seed)
+            scene = draw(family, rig, scene_rng(seed, family, rig, number), number)
+            kind = f"-{scene.scenery.note}" if scene.scenery.note else ""
+            write_scene(options.out, f"{family}{kind}-{number + 1}{ending}", scene, family, seed)
             density += scene.truth.crossings_per_rod / count
         print(f"{family}: {count} scenes, {density:.1f} crossings per stick")
     print(f"seed {seed}, {time.perf_counter() - began:.1f} s, written to {options.out}")

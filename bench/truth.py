@@ -1,7 +1,7 @@
 """What is true of a heap: who lies on whom, what is free, what may be picked; and its crossings.
 
-"Over" is meant straight down on the table: two rods cross where their footprints meet, and the upper one there is
-the one whose axis is higher. Left camera frame where a field does not say otherwise; metres.
+"Over" is meant straight down on the table: two rods cross where their footprints meet, and the upper one
+there is the one whose axis is higher. Left camera frame where a field does not say otherwise; metres.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ class Crossing:
 class Truth:
     """All that is known of N rods.
 
-    ``ends`` (N, 2, 3); ``target`` (N,) whether it is what was asked for; ``visible`` (N, 2) seen share in the
-    left and the right picture; ``ends_visible`` (N, 2 pictures, 2 ends); ``in_frame`` (N, 2); ``pickable`` (N,)
-    nothing over the central third, ``free`` (N,) nothing over it at all.
+    ``ends`` (N, 2, 3); ``target`` (N,) whether it is what was asked for; ``visible`` (N, 2) seen share in
+    the left and the right picture; ``ends_visible`` (N, 2 pictures, 2 ends); ``in_frame`` (N, 2);
+    ``pickable`` (N,) nothing over the central third, ``free`` (N,) nothing over it at all. ``touching``
+    pairs of rods.
     """
 
     ends: Floats

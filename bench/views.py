@@ -31,8 +31,8 @@ VIGNETTING = 0.12
 class Look:
     """Light, table and exposure of one scene.
 
-    ``lamp_m`` (3,) base frame; ``lamp`` and ``room`` their strengths on a white sheet; ``table`` kind of surface
-    and its ``table_tone`` (3,) linear BGR; ``pattern`` (5,), ``glare`` (2,) and ``field`` (9,) as in
+    ``lamp_m`` (3,) base frame; ``lamp`` and ``room`` their strengths on a white sheet; ``table`` kind of
+    surface and its ``table_tone`` (3,) linear BGR; ``pattern`` (5,), ``glare`` (2,) and ``field`` (9,) as in
     `bench.picture.shade`; ``exposure`` factor of all light; ``noise`` factor of the rig's noise.
     """
 
@@ -54,9 +54,9 @@ class Look:
 class View:
     """What one eye shows.
 
-    ``pixels`` (H, W, 3) BGR or (H, W) grey; ``owner`` (H, W) the rod at each pixel's middle, -1 the table, from
-    `bench.picture.BLOCK_OWNER` up a block. ``visible`` (N,) seen share of each rod's outline inside the picture;
-    ``ends_px`` (N, 2, 2); ``ends_visible`` (N, 2) whether at least half of the last radius is seen.
+    ``pixels`` (H, W, 3) BGR or (H, W) grey; ``owner`` (H, W) the rod at each pixel's middle, -1 the table,
+    from `bench.picture.BLOCK_OWNER` up a block. ``visible`` (N,) seen share of each rod's outline inside the
+    picture; ``ends_px`` (N, 2, 2); ``ends_visible`` (N, 2) whether at least half of the last radius is seen.
     """
 
     pixels: npt.NDArray[np.uint8]
@@ -161,11 +161,34 @@ def photograph(
             picture.raster_blocks(slopes, rotation, place, obstacles, TABLE_Z_M, depth, owner)
         linear = np.empty((eye.height_px, eye.width_px, 3), np.float32)
         picture.shade(
-            slopes, rotation, place, depth, owner, TABLE_Z_M,
-            array, frames, tones, _grains(), which, lit, room, block_tones, obstacles,
-            table_pattern(look.table, look.table_number), look.table_tone, look.pattern, cells, table_lit, table_room,
-            lamp, look.glare, look.field, visible, visible_end, linear,
-        )  # fmt: skip
+            slopes,
+            rotation,
+            place,
+            depth,
+            owner,
+            TABLE_Z_M,
+            array,
+            frames,
+            tones,
+            _grains(),
+            which,
+            lit,
+            room,
+            block_tones,
+            obstacles,
+            table_pattern(look.table, look.table_number),
+            look.table_tone,
+            look.pattern,
+            cells,
+            table_lit,
+            table_room,
+            lamp,
+            look.glare,
+            look.field,
+            visible,
+            visible_end,
+            linear,
+        )
         ends_px = eye.project(np.array([r.ends for r in rods]).reshape(-1, 3)).reshape(-1, 2, 2)
         inside = np.all((ends_px > 1.0) & (ends_px < [eye.width_px - 2.0, eye.height_px - 2.0]), axis=2)
         views.append(
