@@ -102,7 +102,7 @@ def render(sticks: int, seeds: range, spread: float) -> Piles:
     )
 
 
-def dense(sticks: int, seeds: Iterable[int], rig: str = "webcam") -> Piles:
+def dense(sticks: int, seeds: Iterable[int], rig: str = "webcam", spread: float = 1.0) -> Piles:
     """Heaps as dense as physical ones, one per seed, with their whole truth.
 
     Parameters
@@ -110,13 +110,15 @@ def dense(sticks: int, seeds: Iterable[int], rig: str = "webcam") -> Piles:
     sticks
         Parts in each heap; 5, 10, 20 and 40 cross 2.7, 3.5, 6 and 13 others on average.
     rig
-        A name of `bench.rigs.RIGS`: ``webcam`` or ``industrial``.
+        A word of `bench.rigs.RIGS`: ``webcam`` or ``industrial``.
+    spread
+        1: that dense; more: looser (`bench.families.heap`).
     """
     setting = RIGS[rig]
     shots = []
     for seed in seeds:
         rng = np.random.default_rng([seed, sticks])
-        shots.append(shoot(heap(sticks, setting, rng), setting, rng))
+        shots.append(shoot(heap(sticks, setting, rng, spread), setting, rng))
     return _piles(setting, shots)
 
 

@@ -14,7 +14,7 @@ from vision.types import Floats
 
 MARKS, AROUND = 96, 10
 """Places along and around a rod for which its light is worked out."""
-ROOM_REACH = 9.0
+ROOM_REACH = 7.0
 """Radii beyond which a rod takes no light of the room from the table."""
 LAMP_POINTS = 12
 """Points of the lamp's disc that are tested against blocks."""

@@ -13,6 +13,7 @@ import numpy as np
 from bench.heap import Rod
 from bench.views import View
 from drivers.sim.geometry import apply, inverse, segment_distance
+from vision.jit import compiled
 from vision.types import Bools, Floats
 
 TOUCH_M = 0.00005
@@ -62,14 +63,14 @@ class Truth:
         return 2.0 * len(self.crossings) / max(1, len(self.ends))
 
 
-def _nearest(a: Floats, b: Floats) -> tuple[float, float, float]:
-    """Places (0..1) on two plan segments (2, 2) where they cross or come nearest, and their distance."""
+def _nearest(a: Floats, b: Floats) -> tuple[float, float]:
+    """Places (0..1) on two plan segments (2, 2) where they cross or come nearest."""
     u, v, w = a[1] - a[0], b[1] - b[0], b[0] - a[0]
     turn = u[0] * v[1] - u[1] * v[0]
     if abs(turn) > 1e-12:
         s, t = (w[0] * v[1] - w[1] * v[0]) / turn, (w[0] * u[1] - w[1] * u[0]) / turn
         if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-            return float(s), float(t), 0.0
+            return float(s), float(t)
     best = (0.0, 0.0, np.inf)
     for end in (0, 1):
         t = float(np.clip((a[end] - b[0]) @ v / (v @ v), 0.0, 1.0))
@@ -78,26 +79,31 @@ def _nearest(a: Floats, b: Floats) -> tuple[float, float, float]:
         s = float(np.clip((b[end] - a[0]) @ u / (u @ u), 0.0, 1.0))
         away = float(np.linalg.norm(a[0] + s * u - b[end]))
         best = min(best, (s, float(end), away), key=lambda found: found[2])
-    return best
+    return best[:2]
 
 
+@compiled
 def _footprints_meet(a: Floats, b: Floats, a_radius_m: float, b_radius_m: float) -> bool:
     """Whether the rectangles about two plan segments (2, 2) overlap: no line between them parts them."""
-    half, ways, reach = [], [], (a_radius_m, b_radius_m)
-    for line in (a, b):
-        span = line[1] - line[0]
-        length = float(np.linalg.norm(span))
-        ways.append(span / length)
-        half.append(0.5 * length)
-    apart = 0.5 * (b[0] + b[1] - a[0] - a[1])
-    for way in ways:
-        for axis in (way, np.array([-way[1], way[0]])):
-            width = sum(
-                h * abs(float(axis @ w)) + r * abs(float(axis[0] * w[1] - axis[1] * w[0]))
-                for h, w, r in zip(half, ways, reach, strict=True)
-            )
-            if abs(float(axis @ apart)) >= width:
-                return False
+    half, way = np.empty(2), np.empty((2, 2))
+    radii = (a_radius_m, b_radius_m)
+    for n in range(2):
+        line = a if n == 0 else b
+        x, y = line[1, 0] - line[0, 0], line[1, 1] - line[0, 1]
+        length = np.hypot(x, y)
+        half[n], way[n, 0], way[n, 1] = 0.5 * length, x / length, y / length
+    dx = 0.5 * (b[0, 0] + b[1, 0] - a[0, 0] - a[1, 0])
+    dy = 0.5 * (b[0, 1] + b[1, 1] - a[0, 1] - a[1, 1])
+    for n in range(4):
+        ux, uy = way[n // 2, 0], way[n // 2, 1]
+        if n % 2:
+            ux, uy = -uy, ux
+        width = 0.0
+        for k in range(2):
+            width += half[k] * abs(ux * way[k, 0] + uy * way[k, 1])
+            width += radii[k] * abs(ux * way[k, 1] - uy * way[k, 0])
+        if abs(ux * dx + uy * dy) >= width:
+            return False
     return True
 
 
@@ -108,12 +114,13 @@ def truth_of(rods: tuple[Rod, ...], views: tuple[View, View], base_from_left: Fl
     ends = np.array([rod.ends for rod in rods]).reshape(-1, 2, 3)
     crossings, touching = [], []
     pickable, free = np.ones(count, np.bool_), np.ones(count, np.bool_)
+    plan = np.ascontiguousarray(ends[:, :, :2])
     for i in range(count):
         for j in range(i):
             radii = rods[i].radius_m, rods[j].radius_m
-            if not _footprints_meet(ends[i, :, :2], ends[j, :, :2], *radii):
+            if not _footprints_meet(plan[i], plan[j], *radii):
                 continue
-            s, t, _ = _nearest(ends[i, :, :2], ends[j, :, :2])
+            s, t = _nearest(plan[i], plan[j])
             here, there = (
                 ends[i, 0] + s * (ends[i, 1] - ends[i, 0]),
                 ends[j, 0] + t * (ends[j, 1] - ends[j, 0]),

@@ -36,7 +36,8 @@ class Look:
 
     ``lamp_m`` (3,) base frame; ``lamp`` and ``room`` their strengths on a white sheet; ``table`` kind of
     surface and its ``table_tone`` (3,) linear BGR; ``pattern`` (5,), ``glare`` (2,) and ``field`` (9,) as in
-    `bench.picture.shade`; ``exposure`` factor of all light; ``noise`` factor of the rig's noise.
+    `bench.picture.shade`; ``exposure`` factor of all light; ``noise`` factor of the rig's noise,
+    ``focus`` of its blur.
     """
 
     lamp_m: Floats
@@ -51,6 +52,7 @@ class Look:
     field: Floats
     exposure: float = 1.0
     noise: float = 1.0
+    focus: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,7 +222,7 @@ def _developed(linear: Small, rig: Rig, look: Look, rng: np.random.Generator) ->
         linear = linear @ np.array([0.114, 0.587, 0.299], np.float32)
     bright = _vignette(*linear.shape[:2]) * np.float32(look.exposure)
     linear = linear * (bright if rig.mono else bright[:, :, None])
-    linear = cv2.GaussianBlur(linear, (0, 0), rig.cameras.blur_px).astype(np.float32)
+    linear = cv2.GaussianBlur(linear, (0, 0), look.focus * rig.cameras.blur_px).astype(np.float32)
     tone = (255.0 * np.linspace(0.0, 1.0, 4096) ** (1.0 / GAMMA)).astype(np.float32)
     grey = tone[np.clip(linear * 4095.0, 0.0, 4095.0).astype(np.int16)]
     # three independent channels come to two thirds of their noise in the grey picture
