@@ -211,7 +211,7 @@ def many_kinds(rig: Rig, rng: np.random.Generator) -> Scenery:
     shuffled = tuple(kinds[k] for k in order)
     rods = dropped(disc(len(kinds), 0.6 * rig.stick_length_m, rng, 2), shuffled, rng)
     return Scenery(
-        rods=tuple(replace(rod, target=order[n] < 4) for n, rod in enumerate(rods)),
+        rods=tuple(replace(rod, target=bool(order[n] < 4)) for n, rod in enumerate(rods)),
         look=look_of(rng),
         wish=Wish(length_m=length_m, diameter_m=DIAMETER_M, colour=None if rig.mono else "wood"),
     )

@@ -86,8 +86,8 @@ def table_pattern(kind: str, number: int) -> Small:
     size = 640
     if kind == "wood":
         streaks = mottled((size, 1), 0.75, rng).repeat(size, axis=1)
-        wide = cv2.resize(mottled((size, 16), 0.9, rng), (size, size), interpolation=cv2.INTER_CUBIC)
-        fine = cv2.resize(mottled((size, 80), 0.35, rng), (size, size), interpolation=cv2.INTER_LINEAR)
+        wide = _stretched(mottled((size, 16), 0.9, rng))
+        fine = _stretched(mottled((size, 80), 0.35, rng))
         pattern = 1.0 + 0.13 * streaks + 0.17 * wide + 0.10 * fine + 0.05 * mottled((size, size), 0.3, rng)
     else:
         pattern = 1.0 + 0.10 * mottled((size, size), 0.9, rng) + 0.12 * mottled((size, size), 0.2, rng)
@@ -103,6 +103,13 @@ def table_pattern(kind: str, number: int) -> Small:
     closed: Small = np.clip(pattern, 0.25, 4.0).astype(np.float32)
     closed.setflags(write=False)
     return closed
+
+
+def _stretched(pattern: Floats) -> Floats:
+    """A repeating pattern (T, K) drawn out to (T, T), which repeats without a seam too."""
+    size = len(pattern)
+    wide = cv2.resize(np.tile(pattern, (1, 3)), (3 * size, size), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(wide[:, size : 2 * size], np.float64)
 
 
 def _array(rods: tuple[Rod, ...]) -> Floats:
