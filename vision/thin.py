@@ -102,7 +102,8 @@ def lee(mask: Mask) -> Skeleton:
     """
     if mask.ndim != 2:
         raise ValueError(f"a mask has two dimensions, not {mask.ndim}")
-    return np.ascontiguousarray(skeletonize(mask, method="lee") != 0)
+    thinned = skeletonize(mask, method="lee")  # type: ignore[no-untyped-call]  # has no types
+    return np.ascontiguousarray(thinned != 0)
 
 
 def _thin(mask: Mask, is_guo_hall: bool) -> Skeleton:

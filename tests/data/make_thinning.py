@@ -1,6 +1,6 @@
 """Makes thinning.npz: masks and what OpenCV's own Zhang-Suen thinning leaves of them.
 
-Needs a Python with opencv-contrib-python-headless (``cv2.ximgproc``), numpy and scikit-image, in an
+Needs a Python with opencv-contrib-python-headless (``cv2.ximgproc``), scipy and scikit-image, in an
 environment of its own because that package and the project's OpenCV are one import name:
 ``python tests/data/make_thinning.py``. Prints what has changed; without a change the file stays.
 
@@ -16,7 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-from skimage import data, filters
+from scipy import ndimage
+from skimage import data
 
 HERE = Path(__file__).parent
 Bools = npt.NDArray[np.bool_]
@@ -29,14 +30,14 @@ def masks() -> dict[str, Bools]:
     for percent in (10, 30, 50, 70, 90):
         made[f"noise_{percent}"] = random.random((90, 131)) < percent / 100
     for sigma in (1.5, 3.0, 6.0):
-        made[f"blobs_{sigma}"] = filters.gaussian(random.random((120, 200)), sigma, mode="wrap") > 0.5
+        made[f"blobs_{sigma}"] = ndimage.gaussian_filter(random.random((120, 200)), sigma, mode="wrap") > 0.5
     made["sticks"] = _sticks(random)
     left = cv2.imread(str(HERE / "left.png"), cv2.IMREAD_GRAYSCALE)
     assert left is not None
-    pictures = {"rendered": left, "coins": data.coins(), "page": data.page(), "text": data.text()}
-    for name, grey in pictures.items():
-        level = filters.threshold_otsu(grey)
-        made[name] = grey > level if name in ("rendered", "coins") else grey < level
+    photographs = {name: getattr(data, name)() for name in ("coins", "page", "text")}
+    for name, grey in {"rendered": left, **photographs}.items():
+        _, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+        made[name] = bright > 0 if name in ("rendered", "coins") else bright == 0
     return made
 
 
@@ -75,7 +76,7 @@ def main() -> None:
         sys.stdout.write(f"opencv {cv2.__version__}: {told}\n")
         if not changed:
             return
-    np.savez_compressed(path, **columns)
+    np.savez_compressed(path, allow_pickle=False, **columns)
 
 
 if __name__ == "__main__":
