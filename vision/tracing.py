@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from vision.net import radii_px
 from vision.tracing_arms import arms_of, crossings, edge_radii, trims
-from vision.tracing_curves import assemble, bodies
+from vision.tracing_curves import assemble, bodies, spread
 from vision.types import Bools, Floats, Graph, Ints, Mask, Paths, read_only
 
 LABEL_RADII = 3.0
@@ -88,27 +86,13 @@ def trace_curves(mask: Mask, graph: Graph) -> Curves:
     )
 
 
-def label(mask: Mask, curves: Curves) -> npt.NDArray[np.int32]:
+def label(mask: Mask, curves: Curves) -> Ints:
     """The strand of each foreground pixel: the one whose curve is nearest.
 
     Returns
     -------
-    (H, W) int32
-        0 for background and for foreground that is far from every strand, k + 1 for strand k.
+    (H, W) int
+        -1 for background and for foreground that is far from every strand.
     """
-    found = np.zeros(mask.shape, np.int32)
-    if len(curves.points) == 0:
-        return found
-    owner = np.repeat(np.arange(1, len(curves) + 1), np.diff(curves.starts))
-    rows, columns = mask.shape
-    u = np.clip(np.rint(curves.points[:, 0]).astype(np.int64), 0, columns - 1)
-    v = np.clip(np.rint(curves.points[:, 1]).astype(np.int64), 0, rows - 1)
-    seeds = np.ones(mask.shape, np.uint8)
-    seeds[v, u] = 0
-    far, nearest = cv2.distanceTransformWithLabels(seeds, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    strand = np.zeros(int(nearest.max()) + 1, np.int32)
-    strand[nearest[v, u]] = owner
-    most = LABEL_RADII * np.concatenate([[0.0], curves.radius_px])
-    found[mask] = strand[nearest[mask]]
-    found[far > most[found]] = 0
-    return found
+    owner = np.repeat(np.arange(len(curves)), np.diff(curves.starts))
+    return spread(np.ascontiguousarray(mask), curves.points, owner, LABEL_RADII * curves.radius_px)

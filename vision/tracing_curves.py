@@ -14,7 +14,7 @@ from vision.types import Bools, Floats, Ints, Mask
 SMOOTH_PX = 4
 """Half of the window of the running mean, which is taken twice."""
 STEP_PX = 0.25
-"""Step of the search for an outline."""
+"""How closely an outline is looked for; a power of one half."""
 SLOPE_PX = 4
 """A direction is taken over this many points to either side."""
 
@@ -44,14 +44,24 @@ def is_set(mask: Mask, u: float, v: float) -> bool:
 
 
 @compiled
-def outline_px(mask: Mask, u: float, v: float, du: float, dv: float, most: float) -> float:
-    """Distance to the outline in a direction; -1 when it is farther than `most`."""
-    far = 0.0
-    while is_set(mask, u + far * du, v + far * dv):
-        far += STEP_PX
+def outline_px(mask: Mask, u: float, v: float, du: float, dv: float, near: float, most: float) -> float:
+    """Distance to the outline in a direction; -1 when it is farther than `most`.
+
+    Looked for from `near` on, when that place is foreground, in whole pixels and then in between.
+    """
+    far = near if is_set(mask, u + near * du, v + near * dv) else 0.0
+    if not is_set(mask, u + far * du, v + far * dv):
+        return 0.0
+    while is_set(mask, u + (far + 1.0) * du, v + (far + 1.0) * dv):
+        far += 1.0
         if far > most:
             return -1.0
-    return far - 0.5 * STEP_PX
+    step = 0.5
+    while step >= STEP_PX:
+        if is_set(mask, u + (far + step) * du, v + (far + step) * dv):
+            far += step
+        step *= 0.5
+    return far + step
 
 
 @compiled
@@ -69,8 +79,8 @@ def centred(mask: Mask, points: Floats, radius: float) -> Floats:
             continue
         nu = -dv / size
         nv = du / size
-        plus = outline_px(mask, points[k, 0], points[k, 1], nu, nv, 2.0 * radius + 1.0)
-        minus = outline_px(mask, points[k, 0], points[k, 1], -nu, -nv, 2.0 * radius + 1.0)
+        plus = outline_px(mask, points[k, 0], points[k, 1], nu, nv, 0.5 * radius, 2.0 * radius + 1.0)
+        minus = outline_px(mask, points[k, 0], points[k, 1], -nu, -nv, 0.5 * radius, 2.0 * radius + 1.0)
         if plus >= 0 and minus >= 0 and abs(plus - minus) < radius + 1.0:
             result[k, 0] += 0.5 * (plus - minus) * nu
             result[k, 1] += 0.5 * (plus - minus) * nv
@@ -204,7 +214,7 @@ def _tip(
     if stop - begin < 2:
         return filled
     u, v, du, dv = _outwards(points, begin, stop, side)
-    far = outline_px(mask, u, v, du, dv, 4.0 * radius + 2.0)
+    far = outline_px(mask, u, v, du, dv, 0.0, 4.0 * radius + 2.0)
     if far > 0:
         curve[filled, 0] = u + far * du
         curve[filled, 1] = v + far * dv
@@ -235,3 +245,55 @@ def _bridge(
         bridged[filled] = True
         filled += 1
     return filled
+
+
+@compiled
+def spread(mask: Mask, points: Floats, owner: Ints, most_px: Floats) -> Ints:
+    """(H, W) the owner of the nearest point for each pixel of a mask, -1 for none near enough.
+
+    Nearest is passed on from pixel to pixel, so that it does not jump over background. `most_px` (S,)
+    is how near it must be, for each owner.
+    """
+    rows, columns = mask.shape
+    nearest = np.full((rows, columns), -1, np.int64)
+    away = np.full((rows, columns), np.inf)
+    queue = np.empty(2 * len(points) + 64, np.int64)
+    waiting = 0
+    for k in range(len(points)):
+        x = int(np.floor(points[k, 0] + 0.5))
+        y = int(np.floor(points[k, 1] + 0.5))
+        if not (0 <= x < columns and 0 <= y < rows and mask[y, x]):
+            continue
+        square = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
+        if square < away[y, x]:
+            if nearest[y, x] < 0:
+                queue[waiting] = y * columns + x
+                waiting += 1
+            away[y, x] = square
+            nearest[y, x] = k
+    while waiting > 0:
+        later = np.empty(8 * waiting, np.int64)
+        found = 0
+        for q in range(waiting):
+            y = queue[q] // columns
+            x = queue[q] % columns
+            k = nearest[y, x]
+            limit = most_px[owner[k]] ** 2
+            for ny in range(max(y - 1, 0), min(y + 2, rows)):
+                for nx in range(max(x - 1, 0), min(x + 2, columns)):
+                    if not mask[ny, nx]:
+                        continue
+                    square = (points[k, 0] - nx) ** 2 + (points[k, 1] - ny) ** 2
+                    if square < away[ny, nx] and square <= limit:
+                        away[ny, nx] = square
+                        nearest[ny, nx] = k
+                        later[found] = ny * columns + nx
+                        found += 1
+        queue = later
+        waiting = found
+    result = np.full((rows, columns), -1, np.int64)
+    for y in range(rows):
+        for x in range(columns):
+            if nearest[y, x] >= 0:
+                result[y, x] = owner[nearest[y, x]]
+    return result
