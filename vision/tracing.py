@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vision.net import radii_px
 from vision.tracing_arms import arms_of, crossings, edge_radii, trims
@@ -72,7 +73,7 @@ def trace_curves(mask: Mask, graph: Graph) -> Curves:
     node_radius = radii_px(mask, graph.points)
     spoilt = trims(graph.edges, graph.degree, graph.lengths_px, node_radius, median)
     arms = arms_of(flat.pixels, flat.starts, graph.lengths_px, spoilt, median)
-    _, goes_on, within = crossings(graph.edges, graph.degree, graph.lengths_px, median, mean, arms)
+    _, goes_on, within = crossings(mask, graph.edges, graph.degree, graph.lengths_px, median, mean, arms)
     inner, begin = bodies(mask, flat.pixels, flat.starts, within, spoilt, median)
     points, bridged, starts, closed, radius = assemble(
         mask, graph.edges, graph.degree, within, median, goes_on, inner, begin
@@ -86,12 +87,12 @@ def trace_curves(mask: Mask, graph: Graph) -> Curves:
     )
 
 
-def label(mask: Mask, curves: Curves) -> Ints:
+def label(mask: Mask, curves: Curves) -> npt.NDArray[np.int32]:
     """The strand of each foreground pixel: the one whose curve is nearest.
 
     Returns
     -------
-    (H, W) int
+    (H, W) int32
         -1 for background and for foreground that is far from every strand.
     """
     owner = np.repeat(np.arange(len(curves)), np.diff(curves.starts))

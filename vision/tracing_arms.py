@@ -31,6 +31,8 @@ FIT_RADII = 6.0
 """The piece of an arm that its direction is fitted to."""
 SINGLE_COST = 0.6
 """Price of an arm that stays alone, rad squared: a couple may turn by sqrt(2 * 0.6) rad = 63 degrees."""
+OFF_MASK = 0.15
+"""A curve through a crossing may lie on background for this share of it; no pair beyond."""
 MOST_ARMS = 14
 """Crossings with more arms are paired best first, not best in all."""
 
@@ -148,6 +150,33 @@ def bending(one: Floats, other: Floats) -> float:
 
 
 @compiled
+def cubic(one: Floats, other: Floats, t: float) -> tuple[float, float]:
+    """Place at 0 <= t <= 1 on the curve that goes into a crossing by one arm and out by another."""
+    chord = np.hypot(other[0] - one[0], other[1] - one[1])
+    h = t * t * (3.0 - 2.0 * t)
+    m = t * (1.0 - t) * (1.0 - t) * chord
+    n = t * t * (1.0 - t) * chord
+    return (
+        (1.0 - h) * one[0] + h * other[0] + m * one[2] + n * other[2],
+        (1.0 - h) * one[1] + h * other[1] + m * one[3] + n * other[3],
+    )
+
+
+@compiled
+def _leaves(mask: Mask, one: Floats, other: Floats) -> bool:
+    """True when that curve lies on background for too much of its way."""
+    steps = int(np.hypot(other[0] - one[0], other[1] - one[1])) + 1
+    off = 0
+    for k in range(1, steps):
+        u, v = cubic(one, other, k / steps)
+        x = int(np.floor(u + 0.5))
+        y = int(np.floor(v + 0.5))
+        if not (0 <= x < mask.shape[1] and 0 <= y < mask.shape[0] and mask[y, x]):
+            off += 1
+    return off > OFF_MASK * steps
+
+
+@compiled
 def pairing(cost: Floats, single: float) -> tuple[Ints, float]:
     """(A,) the partner of each arm, -1 for one that stays alone, so that the sum is least; the sum."""
     count = len(cost)
@@ -212,7 +241,9 @@ def arms_of(pixels: Floats, starts: Ints, lengths_px: Floats, spoilt: Floats, me
 
 
 @compiled
-def _couple(nodes: Ints, first: Ints, at: Ints, inside: Bools, arms: Floats, goes_on: Ints) -> float:
+def _couple(
+    mask: Mask, nodes: Ints, first: Ints, at: Ints, inside: Bools, arms: Floats, goes_on: Ints
+) -> float:
     """Pairs the arms of one crossing, given by its nodes, in `goes_on`; returns what it costs."""
     room = 0
     for n in nodes:
@@ -227,7 +258,11 @@ def _couple(nodes: Ints, first: Ints, at: Ints, inside: Bools, arms: Floats, goe
     cost = np.zeros((size, size))
     for i in range(size):
         for j in range(i):
-            cost[i, j] = bending(arms[of[i] // 2, of[i] % 2], arms[of[j] // 2, of[j] % 2])
+            one = arms[of[i] // 2, of[i] % 2]
+            other = arms[of[j] // 2, of[j] % 2]
+            cost[i, j] = bending(one, other)
+            if cost[i, j] < 2.0 * SINGLE_COST and _leaves(mask, one, other):
+                cost[i, j] = 2.0 * SINGLE_COST
             cost[j, i] = cost[i, j]
     chosen, total = pairing(cost, SINGLE_COST)
     for i in range(size):
@@ -237,7 +272,7 @@ def _couple(nodes: Ints, first: Ints, at: Ints, inside: Bools, arms: Floats, goe
 
 @compiled
 def crossings(
-    edges: Ints, degree: Ints, lengths_px: Floats, median: Floats, mean: Floats, arms: Floats
+    mask: Mask, edges: Ints, degree: Ints, lengths_px: Floats, median: Floats, mean: Floats, arms: Floats
 ) -> tuple[Ints, Ints, Bools]:
     """Which forks are one crossing, and how its arms go on.
 
@@ -274,7 +309,7 @@ def crossings(
     price = np.zeros(nodes)
     for n in range(nodes):
         if crossing[n] == n and degree[n] >= 3:
-            price[n] = _couple(_ring(following, n), first, at, within, arms, goes_on)
+            price[n] = _couple(mask, _ring(following, n), first, at, within, arms, goes_on)
     for e in np.argsort(lengths_px, kind="mergesort"):
         a = crossing[edges[e, 0]]
         b = crossing[edges[e, 1]]
@@ -286,13 +321,13 @@ def crossings(
         tried = within.copy()
         tried[e] = True
         ways = goes_on.copy()
-        total = _couple(both, first, at, tried, arms, ways)
+        total = _couple(mask, both, first, at, tried, arms, ways)
         if total < price[a] + price[b]:
             _merge(crossing, following, a, b)
             within[e] = True
             _holes(edges, lengths_px, radius, crossing, within)
             a = crossing[a]
-            price[a] = _couple(_ring(following, a), first, at, within, arms, goes_on)
+            price[a] = _couple(mask, _ring(following, a), first, at, within, arms, goes_on)
     for e in range(count):
         if within[e]:
             goes_on[e] = -1

@@ -7,8 +7,10 @@ crossing a cubic joins the two arms; a free tip lies where the outline is met st
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from vision.jit import compiled
+from vision.tracing_arms import cubic
 from vision.types import Bools, Floats, Ints, Mask
 
 SMOOTH_PX = 4
@@ -196,14 +198,15 @@ def assemble(
 
 
 @compiled
-def _outwards(points: Floats, begin: int, stop: int, side: int) -> tuple[float, float, float, float]:
-    """Last point of a piece at one of its ends, and the unit direction out of it."""
+def _outwards(points: Floats, begin: int, stop: int, side: int) -> Floats:
+    """(4,) last point of a piece at one of its ends, and the unit direction out of it."""
     last = begin if side == 0 else stop - 1
     back = min(begin + 2 * SLOPE_PX, stop - 1) if side == 0 else max(stop - 1 - 2 * SLOPE_PX, begin)
-    du = points[last, 0] - points[back, 0]
-    dv = points[last, 1] - points[back, 1]
-    size = max(np.hypot(du, dv), 1e-9)
-    return points[last, 0], points[last, 1], du / size, dv / size
+    found = np.empty(4)
+    found[:2] = points[last]
+    found[2:] = points[last] - points[back]
+    found[2:] /= max(np.hypot(found[2], found[3]), 1e-9)
+    return found
 
 
 @compiled
@@ -231,45 +234,37 @@ def _bridge(
     b = onwards // 2
     if begin[a + 1] == begin[a] or begin[b + 1] == begin[b]:
         return filled
-    pu, pv, du, dv = _outwards(points, begin[a], begin[a + 1], end % 2)
-    qu, qv, eu, ev = _outwards(points, begin[b], begin[b + 1], onwards % 2)
-    chord = np.hypot(qu - pu, qv - pv)
-    steps = min(int(chord), 60)
+    one = _outwards(points, begin[a], begin[a + 1], end % 2)
+    other = _outwards(points, begin[b], begin[b + 1], onwards % 2)
+    steps = min(int(np.hypot(other[0] - one[0], other[1] - one[1])), 60)
     for k in range(1, steps):
-        t = k / steps
-        h = t * t * (3.0 - 2.0 * t)
-        m = t * (1.0 - t) * (1.0 - t) * chord
-        n = t * t * (1.0 - t) * chord
-        curve[filled, 0] = (1.0 - h) * pu + h * qu + m * du + n * eu
-        curve[filled, 1] = (1.0 - h) * pv + h * qv + m * dv + n * ev
+        curve[filled, 0], curve[filled, 1] = cubic(one, other, k / steps)
         bridged[filled] = True
         filled += 1
     return filled
 
 
 @compiled
-def spread(mask: Mask, points: Floats, owner: Ints, most_px: Floats) -> Ints:
+def spread(mask: Mask, points: Floats, owner: Ints, most_px: Floats) -> npt.NDArray[np.int32]:
     """(H, W) the owner of the nearest point for each pixel of a mask, -1 for none near enough.
 
     Nearest is passed on from pixel to pixel, so that it does not jump over background. `most_px` (S,)
     is how near it must be, for each owner.
     """
     rows, columns = mask.shape
-    nearest = np.full((rows, columns), -1, np.int64)
-    away = np.full((rows, columns), np.inf)
-    queue = np.empty(2 * len(points) + 64, np.int64)
+    nearest = np.full((rows, columns), -1, np.int32)
+    queue = np.empty(len(points), np.int64)
     waiting = 0
     for k in range(len(points)):
         x = int(np.floor(points[k, 0] + 0.5))
         y = int(np.floor(points[k, 1] + 0.5))
         if not (0 <= x < columns and 0 <= y < rows and mask[y, x]):
             continue
-        square = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
-        if square < away[y, x]:
-            if nearest[y, x] < 0:
-                queue[waiting] = y * columns + x
-                waiting += 1
-            away[y, x] = square
+        known = nearest[y, x]
+        if known < 0:
+            queue[waiting] = y * columns + x
+            waiting += 1
+        if known < 0 or _square(points, k, x, y) < _square(points, known, x, y):
             nearest[y, x] = k
     while waiting > 0:
         later = np.empty(8 * waiting, np.int64)
@@ -281,19 +276,23 @@ def spread(mask: Mask, points: Floats, owner: Ints, most_px: Floats) -> Ints:
             limit = most_px[owner[k]] ** 2
             for ny in range(max(y - 1, 0), min(y + 2, rows)):
                 for nx in range(max(x - 1, 0), min(x + 2, columns)):
-                    if not mask[ny, nx]:
+                    known = nearest[ny, nx]
+                    if not mask[ny, nx] or known == k:
                         continue
-                    square = (points[k, 0] - nx) ** 2 + (points[k, 1] - ny) ** 2
-                    if square < away[ny, nx] and square <= limit:
-                        away[ny, nx] = square
+                    square = _square(points, k, nx, ny)
+                    if square <= limit and (known < 0 or square < _square(points, known, nx, ny)):
                         nearest[ny, nx] = k
                         later[found] = ny * columns + nx
                         found += 1
         queue = later
         waiting = found
-    result = np.full((rows, columns), -1, np.int64)
     for y in range(rows):
         for x in range(columns):
             if nearest[y, x] >= 0:
-                result[y, x] = owner[nearest[y, x]]
-    return result
+                nearest[y, x] = owner[nearest[y, x]]
+    return nearest
+
+
+@compiled
+def _square(points: Floats, k: int, x: int, y: int) -> float:
+    return float((points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2)
