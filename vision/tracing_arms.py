@@ -26,7 +26,9 @@ SHARED_WIDTH = 1.1
 NARROW_RADII = 8.0
 """this. An edge that leads back into the same crossing is a hole in it up to the same length."""
 TRIM_RADII = 1.2
-"""The skeleton of an arm is bent by the crossing this far from a fork, in radii at the fork."""
+"""The skeleton of an arm is bent by the crossing this far from a fork, in radii at the fork,"""
+FORK_RADII = 1.5
+"""which are this many of the arm at least: a speck of background beside a fork makes it look narrow."""
 FIT_RADII = 6.0
 """The piece of an arm that its direction is fitted to."""
 SINGLE_COST = 0.6
@@ -65,7 +67,11 @@ def trims(edges: Ints, degree: Ints, lengths_px: Floats, node_radius: Floats, me
     for e in range(len(edges)):
         for side in range(2):
             n = edges[e, side]
-            px = TRIM_RADII * node_radius[n] if degree[n] >= 3 else median[e] if degree[n] == 1 else 0.0
+            px = 0.0
+            if degree[n] >= 3:
+                px = TRIM_RADII * max(node_radius[n], FORK_RADII * median[e])
+            elif degree[n] == 1:
+                px = median[e]
             spoilt[e, side] = min(px, lengths_px[e] / 3.0)
     return spoilt
 

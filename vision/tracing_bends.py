@@ -21,7 +21,7 @@ OFF_WIDTHS = 0.6
 OFF_RAD = 0.35
 """and does not lead away from it by more."""
 CORNER_RAD = 0.7
-"""A curve that turns by more within about three radii is a corner, where two ends touch or a part is bent
+"""A curve that turns by more within 2.5 radii is a corner, where two ends touch or a part is bent
 sharply; a cable does not. What lies on either side of a corner is judged alone."""
 
 
@@ -29,7 +29,8 @@ sharply; a cable does not. What lies on either side of a corner is judged alone.
 class Continuation:
     """What the strand under a segment does beyond the segment's two ends.
 
-    ``strand`` its number, -1 when there is none; ``covered`` share of the segment that lies on it;
+    ``strand`` its number, -1 when there is none; ``covered`` share of the segment from its
+    first to its last place that lies on it;
     ``beyond_px`` (2,) how much farther the strand goes on beyond the first and the second end;
     ``bend_rad`` (2,) the most its direction there differs from the segment's, as far out as the segment
     is long, without what lies within crossings.
@@ -99,6 +100,7 @@ def _continuation(
     best = -1
     most = 0
     low = high = -1
+    under = 0.0
     if size < 1e-9:
         return best, 0.0, beyond, bend
     du /= size
@@ -128,6 +130,7 @@ def _continuation(
             best = s
             low = first
             high = last
+            under = min(1.0, (last_along - first_along + 1.0) / size)
     if best < 0:
         return best, 0.0, beyond, bend
     begin = starts[best]
@@ -154,7 +157,7 @@ def _continuation(
                 turn = _turn_at(points, begin, stop, k, step, sign * du, sign * dv, False)
                 bend[end] = max(bend[end], abs(turn))
         beyond[end] = max(walked, 0.0)
-    return best, min(1.0, (abs(high - low) + 1) / size), beyond, bend
+    return best, under, beyond, bend
 
 
 @compiled
@@ -184,7 +187,7 @@ def _parted(points: Floats, starts: Ints, bridged: Bools, radius: Floats) -> Boo
     """(K,) True within crossings and at corners."""
     parted = bridged.copy()
     for s in range(len(starts) - 1):
-        reach = max(SLOPE_PX, int(np.rint(1.5 * radius[s])))
+        reach = max(2 * SLOPE_PX, int(np.rint(2.5 * radius[s])))  # the points are smoothed
         for k in range(starts[s] + reach, starts[s + 1] - reach):
             here = points[k]
             before = here - points[k - reach]
