@@ -25,6 +25,11 @@ CORNER_RAD = 0.7
 sharply; a cable does not. What lies on either side of a corner is judged alone."""
 
 
+CURVED_WIDTHS = 1.0
+"""A strand that bulges by more is no straight part: of some 300 straight parts in rendered piles none bulged
+by more than 0.53 widths, the two pieces of a cable by 4.4 and 10.8."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Continuation:
     """What the strand under a segment does beyond the segment's two ends.
@@ -86,6 +91,11 @@ def sagitta_px(curves: Curves, length_px: float) -> Floats:
     """
     parted = _parted(curves.points, curves.starts, curves.bridged, curves.radius_px)
     return _sagitta(curves.points, curves.starts, parted, float(length_px))
+
+
+def curved(curves: Curves, length_px: float, width_px: float) -> Bools:
+    """(S,) True for strands that bulge over a part's length as no straight part of its width does."""
+    return np.asarray(sagitta_px(curves, length_px) > CURVED_WIDTHS * width_px, np.bool_)
 
 
 @compiled

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
 from bench.crossings import curves_of
 from tests.unit.vision.test_tracing import bar, drawn
-from vision.tracing_bends import continuation, sagitta_px
+from vision.foreground import stands_out
+from vision.tracing_bends import continuation, curved, sagitta_px
 
+SCENES = Path(__file__).parents[4] / "shared" / "data" / "scenes-dev" / "scenes"
 TURN = np.linspace(np.pi, 1.9 * np.pi, 100)
 CABLE = np.stack([200 + 150 * np.cos(TURN), 220 + 150 * np.sin(TURN)], axis=1)
 
@@ -75,3 +80,20 @@ def test_beside_every_strand_there_is_none() -> None:
     assert found.covered < 0.1
     assert nowhere.strand == -1
     assert nowhere.beyond_px.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.shared_data
+@pytest.mark.skipif(not SCENES.is_dir(), reason="no shared data here")
+@pytest.mark.parametrize(
+    ("scene", "is_cable"),
+    [("N-cable", True), ("N-wrongsize", False), ("B1", False), ("H10-3", False), ("H20-1", False)],
+)
+def test_the_strands_of_a_cable_are_curved_and_those_of_sticks_are_not(scene: str, is_cable: bool) -> None:
+    grey = cv2.imread(str(SCENES / scene / "left.png"), cv2.IMREAD_GRAYSCALE)
+    assert grey is not None
+    curves = curves_of(stands_out(np.asarray(grey, np.uint8), 5.5).mask)
+
+    long = curves.length_px > 50.0  # a third of a stick
+
+    assert long.any()
+    assert (curved(curves, 145.0, 5.5)[long] == is_cable).all()
