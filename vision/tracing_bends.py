@@ -146,6 +146,11 @@ def _continuation(
     begin = starts[best]
     stop = starts[best + 1]
     forwards = 1 if high >= low else -1
+    if high == low:
+        a = max(low - SLOPE_PX, begin)
+        b = min(low + SLOPE_PX, stop - 1)
+        if (points[b, 0] - points[a, 0]) * du + (points[b, 1] - points[a, 1]) * dv < 0:
+            forwards = -1
     for end in range(2):
         k = low if end == 0 else high
         other = high if end == 0 else low
