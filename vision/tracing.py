@@ -2,7 +2,9 @@
 
 The skeleton graph gives the pieces between crossings; at each crossing the pieces that bend least in
 going on are one strand (`tracing_arms`), and the curves are put together from them (`tracing_curves`).
-Strands of any number and shape, any number of arms at a crossing, ends that touch other strands.
+Strands of any number and shape, any number of arms at a crossing, ends that touch other strands. Two ends
+that touch at a corner are one strand with a corner, as a bent part is. Strands that touch along a bend may
+be exchanged there, and in heaps so dense that most of a mask is crossings much of it belongs to none.
 """
 
 from __future__ import annotations

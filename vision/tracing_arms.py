@@ -31,8 +31,8 @@ FORK_RADII = 1.5
 """which are this many of the arm at least: a speck of background beside a fork makes it look narrow."""
 FIT_RADII = 6.0
 """The piece of an arm that its direction is fitted to."""
-SINGLE_COST = 0.6
-"""Price of an arm that stays alone, rad squared: a couple may turn by sqrt(2 * 0.6) rad = 63 degrees."""
+SINGLE_COST = 0.8
+"""Price of an arm that stays alone, rad squared: a couple may turn by sqrt(2 * 0.8) rad = 72 degrees."""
 OFF_MASK = 0.15
 """A curve through a crossing may lie on background for this share of it; no pair beyond."""
 MOST_ARMS = 14
