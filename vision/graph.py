@@ -10,12 +10,15 @@ stays in the graph as a loop: nodes minus edges is always pieces minus holes of 
 
 from __future__ import annotations
 
-import heapq
-
 import numpy as np
+import numpy.typing as npt
 
 from vision.jit import compiled
-from vision.types import Bools, Floats, Graph, Ints, Skeleton, read_only
+from vision.net import Columns, radii_px, root, simplify
+from vision.types import Bools, Floats, Graph, Ints, Mask, Paths, Skeleton, read_only
+
+SPUR_RADII = 1.5
+"""A branch to a corner of the outline is 1.4 radii long at most."""
 
 # Link k of a pixel goes to (row, column) offset: east, south-east, south, south-west, and back.
 _DY = (0, 1, 1, 1, 0, -1, -1, -1)
@@ -48,29 +51,26 @@ def trace(skeleton: Skeleton) -> Graph:
     if skeleton.ndim != 2:
         raise ValueError(f"a skeleton has two dimensions, not {skeleton.ndim}")
     rows, columns = skeleton.shape
-    framed = np.zeros((rows + 2, columns + 2), np.bool_)
-    framed[1:-1, 1:-1] = skeleton
+    width = -(-(columns + 2) // 8) * 8  # whole words of eight pixels, looked through a word at a time
+    framed = np.zeros((rows + 2, width), np.bool_)
+    framed[1:-1, 1 : columns + 1] = skeleton
     flat = framed.reshape(-1)
-    pixels = np.flatnonzero(flat)
-    if len(pixels) == 0:
-        return _graph(np.zeros((0, 2)), np.zeros((0, 2), np.int64), ())
-    points, edges, starts, chain = _trace(flat, pixels, columns + 2)
-    at = np.stack([chain % (columns + 2) - 1, chain // (columns + 2) - 1], axis=1).astype(np.float64)
-    inner = np.split(at, starts[1:-1]) if len(edges) else []
-    paths = [
-        np.concatenate([points[a : a + 1], way, points[b : b + 1]])
-        for (a, b), way in zip(edges.tolist(), inner, strict=True)
-    ]
-    return _without_bends(points, edges, paths)
+    pixels = _where(flat, flat.view(np.uint64))
+    points, edges, path_pixels, starts = _trace(flat, pixels, width)
+    return _graph(simplify(points, edges, path_pixels, starts, False, np.zeros(0)))
 
 
-def prune(graph: Graph, spur_px: float) -> Graph:
+def prune(graph: Graph, spur_px: float, mask: Mask | None = None, spur_radii: float = SPUR_RADII) -> Graph:
     """The graph without short free ends: useless nodes removed by the size of their segment.
 
-    Repeatedly the shortest edge with a free end is removed while it is shorter than `spur_px`. A
-    node that is left with two edges is dissolved, so that the path through it becomes one edge (and
-    may be long enough to stay). Pieces that are altogether shorter, single pixels among them,
-    disappear.
+    Repeatedly the shortest edge with a free end is removed while it is a spur: shorter than `spur_px`
+    or, where a mask is given, than the local width asks for. A node that is left with two edges is
+    dissolved, so that the path through it becomes one edge (and may be long enough to stay). Pieces
+    that are altogether shorter than `spur_px`, single pixels among them, disappear.
+
+    A bump of the outline makes a branch that ends in the bump, so it is about as long as the
+    foreground is wide from the junction to the outline, however wide that is. With a mask `spur_px`
+    may therefore be small, and short stubs of thin parts stay.
 
     Parameters
     ----------
@@ -78,141 +78,55 @@ def prune(graph: Graph, spur_px: float) -> Graph:
         Not changed.
     spur_px : float
         Shortest free edge that stays, along its path.
+    mask : (H, W) bool
+        What the graph is the skeleton of. None: one length for all.
+    spur_radii : float
+        Shortest free edge that stays, in distances from its junction to the nearest background.
 
     Returns
     -------
     Graph
         A new graph, nodes numbered anew in their old order.
     """
-    net = _Net(graph.points, graph.edges, graph.paths)
-    queue = [(net.length_px[e], e) for e in range(len(net.ends)) if net.is_free(e)]
-    heapq.heapify(queue)
-    while queue:
-        length_px, edge = heapq.heappop(queue)
-        if length_px >= spur_px:
-            break
-        if not net.is_free(edge):
-            continue
-        for node in net.remove(edge):
-            joined = net.dissolve(node)
-            if joined is not None and net.is_free(joined):
-                heapq.heappush(queue, (net.length_px[joined], joined))
-    if spur_px > 0:
-        net.drop_bare_nodes()
-    return net.graph()
+    if spur_px <= 0 and mask is None:
+        return graph
+    limits = np.full(len(graph.points) + 1, float(spur_px))
+    if mask is not None:
+        radii = radii_px(np.ascontiguousarray(mask), graph.points)
+        limits[:-1] = np.maximum(limits[:-1], spur_radii * radii)
+    flat = graph.flat_paths
+    return _graph(simplify(graph.points, graph.edges, flat.pixels, flat.starts, True, limits))
 
 
-def _without_bends(points: Floats, edges: Ints, paths: list[Floats]) -> Graph:
-    """The graph after nodes that only two edges meet are dissolved (a thick spot of a line)."""
-    net = _Net(points, edges, tuple(paths))
-    for node in range(len(points)):
-        net.dissolve(node)
-    return net.graph()
-
-
-def _graph(points: Floats, edges: Ints, paths: tuple[Floats, ...]) -> Graph:
-    count = len(points)
-    degree = np.bincount(edges.reshape(-1), minlength=count).astype(np.int64)
-    steps = [np.diff(path, axis=0) for path in paths]
-    lengths_px = np.array([float(np.hypot(s[:, 0], s[:, 1]).sum()) for s in steps], np.float64)
+def _graph(columns: Columns) -> Graph:
+    points, edges, pixels, starts, lengths_px, degree, component = columns
     return Graph(
         points=read_only(points),
         degree=read_only(degree),
-        component=read_only(_components(count, edges)),
+        component=read_only(component),
         edges=read_only(edges),
         lengths_px=read_only(lengths_px),
-        paths=tuple(read_only(path) for path in paths),
+        paths=Paths(read_only(pixels), read_only(starts)),
     )
 
 
-class _Net:
-    """A graph while it is being changed: edges by number, removed ones marked, nodes keep theirs."""
-
-    def __init__(self, points: Floats, edges: Ints, paths: tuple[Floats, ...]) -> None:
-        self.points = points
-        self.ends: list[tuple[int, int]] = [(int(a), int(b)) for a, b in edges]
-        self.paths: list[Floats] = list(paths)
-        self.length_px: list[float] = [_length_px(path) for path in paths]
-        self.alive = [True] * len(self.ends)
-        self.used = [True] * len(points)
-        self.at: list[list[int]] = [[] for _ in range(len(points))]
-        for number, (a, b) in enumerate(self.ends):
-            self.at[a].append(number)
-            self.at[b].append(number)
-
-    def is_free(self, edge: int) -> bool:
-        """True when the edge is there and ends in an end point at least once."""
-        a, b = self.ends[edge]
-        return self.alive[edge] and (len(self.at[a]) == 1 or len(self.at[b]) == 1)
-
-    def remove(self, edge: int) -> list[int]:
-        """Takes an edge out together with its end points; the nodes that stay are returned."""
-        self.alive[edge] = False
-        stay = []
-        for node in self.ends[edge]:
-            self.at[node].remove(edge)
-            if self.at[node]:
-                stay.append(node)
-            else:
-                self.used[node] = False
-        return stay
-
-    def dissolve(self, node: int) -> int | None:
-        """Joins the two edges of a node of degree 2 into one; None when there is nothing to join."""
-        if len(self.at[node]) != 2 or self.at[node][0] == self.at[node][1]:
-            return None
-        first, second = self.at[node]
-        before = self.paths[first] if self.ends[first][1] == node else self.paths[first][::-1]
-        after = self.paths[second] if self.ends[second][0] == node else self.paths[second][::-1]
-        start = self.ends[first][0] if self.ends[first][1] == node else self.ends[first][1]
-        end = self.ends[second][1] if self.ends[second][0] == node else self.ends[second][0]
-        joined = len(self.ends)
-        self.ends.append((start, end))
-        self.paths.append(np.concatenate([before, after[1:]]))
-        self.length_px.append(self.length_px[first] + self.length_px[second])
-        self.alive.append(True)
-        self.alive[first] = self.alive[second] = False
-        self.used[node] = False
-        self.at[node] = []
-        self.at[start].remove(first)
-        self.at[start].append(joined)
-        self.at[end].remove(second)
-        self.at[end].append(joined)
-        return joined
-
-    def drop_bare_nodes(self) -> None:
-        """Nodes without an edge go."""
-        self.used = [bool(edges) for edges in self.at]
-
-    def graph(self) -> Graph:
-        """What is left, as a record."""
-        number = np.cumsum(self.used) - 1
-        kept = [edge for edge, alive in enumerate(self.alive) if alive]
-        edges = np.array([[number[n] for n in self.ends[edge]] for edge in kept], np.int64).reshape(-1, 2)
-        points = self.points[np.array(self.used, np.bool_)].reshape(-1, 2)
-        return _graph(points, edges, tuple(self.paths[edge].copy() for edge in kept))
-
-
-def _length_px(path: Floats) -> float:
-    steps = np.diff(path, axis=0)
-    return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-
-
-def _components(count: int, edges: Ints) -> Ints:
-    """Number of the connected piece of each node, counted from 0 in the order of first nodes."""
-    parent = list(range(count))
-
-    def root(node: int) -> int:
-        while parent[node] != node:
-            parent[node] = parent[parent[node]]
-            node = parent[node]
-        return node
-
-    for a, b in edges.tolist():
-        ra, rb = root(a), root(b)
-        parent[max(ra, rb)] = min(ra, rb)
-    roots = np.array([root(node) for node in range(count)], np.int64)
-    return np.unique(roots, return_inverse=True)[1].astype(np.int64)
+@compiled
+def _where(flat: Bools, words: npt.NDArray[np.uint64]) -> Ints:
+    """Flat indices of the pixels that are set; `words` is the same memory, eight pixels each."""
+    count = 0
+    for w in range(len(words)):
+        if words[w] != 0:
+            for k in range(8 * w, 8 * w + 8):
+                count += flat[k]
+    found = np.empty(count, np.int64)
+    count = 0
+    for w in range(len(words)):
+        if words[w] != 0:
+            for k in range(8 * w, 8 * w + 8):
+                if flat[k]:
+                    found[count] = k
+                    count += 1
+    return found
 
 
 @compiled
@@ -230,22 +144,14 @@ def _links(flat: Bools, pixel: int, width: int) -> int:
 
 
 @compiled
-def _root(parent: Ints, item: int) -> int:
-    while parent[item] != item:
-        parent[item] = parent[parent[item]]
-        item = parent[item]
-    return item
+def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Floats, Ints]:
+    """Nodes and edges of a framed skeleton.
 
-
-@compiled
-def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, Ints]:
-    """Nodes and chains of a framed skeleton.
-
-    Returns points (N, 2) px, edges (M, 2), starts (M + 1,) of each edge's run in the last array,
-    and the chain pixels (flat indices) between the two nodes of each edge.
+    Returns points (N, 2) px, edges (M, 2), and the paths from node to node, (K, 2) px, one after the
+    other from starts (M + 1,).
     """
     count = len(pixels)
-    index = np.full(len(flat), -1, np.int64)
+    index = np.empty(len(flat), np.int32)  # read only where the skeleton is
     links = np.zeros(count, np.int64)
     degree = np.zeros(count, np.int64)
     junction = np.zeros(count, np.bool_)
@@ -283,8 +189,8 @@ def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, I
                 j = index[pixels[i] + offset[k]]
                 if not junction[j] or (in_block[i] and in_block[j]) != blocks_first:
                     continue
-                a = _root(parent, i)
-                b = _root(parent, j)
+                a = root(parent, i)
+                b = root(parent, j)
                 if a == b:
                     spare_a[spare] = i
                     spare_b[spare] = j
@@ -293,9 +199,9 @@ def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, I
                     parent[max(a, b)] = min(a, b)
     holes = np.zeros(count, np.int64)
     for s in range(spare):
-        holes[_root(parent, spare_a[s])] += 1
+        holes[root(parent, spare_a[s])] += 1
     for i in range(count):
-        holes[_root(parent, i)] -= blocks[i]
+        holes[root(parent, i)] -= blocks[i]
 
     # Numbers and places of the nodes: junctions, end points, single pixels.
     node = np.full(count, -1, np.int64)
@@ -303,7 +209,7 @@ def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, I
     nodes = 0
     for i in range(count):
         if junction[i] or degree[i] < 2:
-            r = _root(parent, i)
+            r = root(parent, i)
             if node[r] < 0:
                 node[r] = nodes
                 nodes += 1
@@ -356,7 +262,7 @@ def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, I
     # A hole within one junction: the link that closes it becomes a loop.
     for back in range(spare):
         s = spare - 1 - back
-        r = _root(parent, spare_a[s])
+        r = root(parent, spare_a[s])
         if holes[r] > 0:
             holes[r] -= 1
             chain[used] = pixels[spare_a[s]]
@@ -397,4 +303,17 @@ def _trace(flat: Bools, pixels: Ints, width: int) -> tuple[Floats, Ints, Ints, I
         made += 1
         starts[made] = used
     points = sums[:nodes, :2] / sums[:nodes, 2:3]
-    return points, edges[:made].copy(), starts[: made + 1].copy(), chain[:used].copy()
+    paths = np.empty((used + 2 * made, 2))
+    filled = 0
+    ways = np.zeros(made + 1, np.int64)
+    for e in range(made):
+        paths[filled] = points[edges[e, 0]]
+        filled += 1
+        for k in range(starts[e], starts[e + 1]):
+            paths[filled, 0] = chain[k] % width - 1
+            paths[filled, 1] = chain[k] // width - 1
+            filled += 1
+        paths[filled] = points[edges[e, 1]]
+        filled += 1
+        ways[e + 1] = filled
+    return points, edges[:made].copy(), paths, ways

@@ -7,9 +7,11 @@ forward. Records that hold arrays compare by identity; their arrays are read-onl
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal, TypeAlias
+from itertools import pairwise
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +80,37 @@ class Plane:
     offset_m: float
 
 
+class Paths(Sequence[Floats]):
+    """Curves that lie one after the other in one array: ``pixels[starts[k] : starts[k + 1]]``.
+
+    A tuple of arrays to whoever reads it; each is a view made when it is asked for.
+    """
+
+    __slots__ = ("pixels", "starts")
+
+    def __init__(self, pixels: Floats, starts: Ints) -> None:
+        self.pixels = pixels
+        self.starts = starts
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    @overload
+    def __getitem__(self, item: int) -> Floats: ...
+    @overload
+    def __getitem__(self, item: slice) -> tuple[Floats, ...]: ...
+    def __getitem__(self, item: int | slice) -> Floats | tuple[Floats, ...]:
+        if isinstance(item, slice):
+            return tuple(self[k] for k in range(*item.indices(len(self))))
+        k = item + len(self) if item < 0 else item
+        if not 0 <= k < len(self):
+            raise IndexError(f"no path {item} of {len(self)}")
+        return self.pixels[self.starts[k] : self.starts[k + 1]]
+
+    def __iter__(self) -> Iterator[Floats]:
+        return (self.pixels[a:b] for a, b in pairwise(self.starts.tolist()))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Graph:
     """A skeleton as a graph, in columns.
@@ -85,7 +118,7 @@ class Graph:
     ``points`` (N, 2) px; ``degree`` (N,) number of edge ends at a node (a loop counts twice);
     ``component`` (N,) connected component; ``edges`` (M, 2) node indices (equal for a loop);
     ``lengths_px`` (M,) length along the path; ``paths`` M arrays (K, 2) px from the first node of
-    the edge to the second, both node points included.
+    the edge to the second, both node points included; the same as one array is ``flat_paths``.
     A node of degree 1 is an end point, of degree >= 3 a junction; degree 2 only closes loops,
     degree 0 is a single pixel (or an isolated blob's skeleton).
     """
@@ -95,7 +128,16 @@ class Graph:
     component: Ints
     edges: Ints
     lengths_px: Floats
-    paths: tuple[Floats, ...]
+    paths: Sequence[Floats]
+
+    @property
+    def flat_paths(self) -> Paths:
+        """The paths over one array of all their points; no copy for what `vision.graph` made."""
+        if isinstance(self.paths, Paths):
+            return self.paths
+        counts = np.array([0, *(len(path) for path in self.paths)], np.int64)
+        joined = np.concatenate([np.zeros((0, 2)), *self.paths])
+        return Paths(read_only(joined), read_only(np.cumsum(counts)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

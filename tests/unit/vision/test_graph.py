@@ -7,6 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from vision.graph import prune, trace
+from vision.thin import guo_hall
+from vision.types import Graph
 
 
 def picture(text: str) -> npt.NDArray[np.bool_]:
@@ -77,7 +79,7 @@ def test_an_empty_picture_has_an_empty_graph() -> None:
 
     assert graph.points.shape == (0, 2)
     assert graph.edges.shape == (0, 2)
-    assert graph.paths == ()
+    assert len(graph.paths) == 0
     assert prune(graph, 5.0).points.shape == (0, 2)
 
 
@@ -109,6 +111,39 @@ def test_the_shortest_twig_of_a_forked_tip_goes_first_and_the_tip_stays_long() -
 
     assert len(left.edges) == 1
     assert [28.0, 1.0] in left.points.tolist()
+
+
+def test_a_stub_of_a_thin_part_stays_and_a_longer_branch_into_a_bump_of_a_wide_part_goes() -> None:
+    mask = np.zeros((120, 200), bool)
+    mask[20:61, 20:180] = True  # 41 px wide,
+    mask[14:20, 97:103] = True  # with a bump that sticks out by 6, whose branch is 22 px long
+    mask[90:95, 20:180] = True  # 5 px wide,
+    mask[81:90, 100:105] = True  # with a stub that sticks out by 9, whose branch is 8 px long
+    graph = trace(guo_hall(mask))
+
+    def tips(left: Graph) -> list[bool]:
+        ends = left.points[left.degree == 1]
+        return [bool((np.hypot(*(ends - tip).T) < 8.0).any()) for tip in ((100, 16), (102, 83))]
+
+    assert tips(prune(graph, 4.0, mask)) == [False, True]
+    assert [tips(prune(graph, px)) for px in (4.0, 12.0, 30.0)] == [
+        [True, True],
+        [True, False],
+        [False, False],
+    ]
+
+
+def test_paths_are_views_of_one_array() -> None:
+    graph = trace(picture("###...\n......\n.#####"))
+
+    flat = graph.flat_paths
+
+    assert flat.starts.tolist() == [0, 3, 8]
+    assert [path.tolist() for path in graph.paths] == [path.tolist() for path in graph.paths[:]]
+    assert graph.paths[-1].tolist() == flat.pixels[3:].tolist()
+    assert not graph.paths[0].flags.writeable
+    with pytest.raises(IndexError):
+        graph.paths[2]
 
 
 def test_records_are_closed_for_writing() -> None:
