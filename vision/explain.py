@@ -31,7 +31,7 @@ DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 NUDGE_PX = 2.0
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
-STRAY_LENGTHS = 0.25
+STRAY_LENGTHS = 0.12
 """What a part of a length that is no product's must earn beyond others, in part lengths and view."""
 LONGEST_LENGTHS = 2.8
 UNSHADED_SIGMA_PX = 0.1

@@ -33,8 +33,9 @@ ROW_PX = 1.6
 SEEN_TIP = 0.4
 SHORTEST_LENGTHS, LONGEST, OWN_SHARE = 0.25, 2.5, 0.05
 STRAY_EVIDENCE = 0.7
+RUN_LEVEL, RUN_SHARE = 0.45, 0.1
 """Least evidence of an end; lengths of other parts, in lengths, and how near they must not come; their least
-evidence per px."""
+evidence per px; evidence that a run must keep up, and how far its length must be from the known one."""
 MOST = 20000
 NOTHING = -1e9
 
@@ -331,6 +332,11 @@ def _between_ends(
             if abs(same) < 0.9 or abs(ay - by) > 2 * length_px:
                 continue
             turned = 1.0 if same > 0 else -1.0
+            if uy > MIXED and vy > 0.03 and same > 0.9:
+                count = _longest_run(
+                    left, right, i, j, total_l, total_r, reach, fb, focal, cx, cy, planes, length, length_px,
+                    p, found, count,
+                )  # fmt: skip
             for a in range(many_l[i, 0]):
                 s = float(ends_l[i, 0, a] - reach)
                 xa, ya = ax + s * ux, ay + s * uy
@@ -386,3 +392,48 @@ def _seen_ends(tips: Reals, ends: npt.NDArray[np.int64], many: npt.NDArray[np.in
                 if value >= tips[line, q - 1, way] and value > tips[line, q + 1, way]:
                     ends[line, way, many[line, way]] = q
                     many[line, way] += 1
+
+
+@compiled
+def _longest_run(
+    left: Floats, right: Floats, i: int, j: int, total_l: Floats, total_r: Floats, reach: int, fb: float,
+    focal: float, cx: float, cy: float, planes: Floats, length: float, length_px: float, p: Floats,
+    found: Floats, count: int,
+) -> int:  # fmt: skip
+    """The stretch of a line in space that both pictures show as part, whatever its length (Kadane's sum)."""
+    ax, ay, ux, uy = left[i, 0], left[i, 1], left[i, 2], left[i, 3]
+    bx, by, vx, vy = right[j, 0], right[j, 1], right[j, 2], right[j, 3]
+    fall = uy / vy
+    d0 = ax - bx - (ay - by) / vy * vx
+    slope = ux - fall * vx
+    back = (ay - by) / vy
+    best, best_from, best_to = 0.0, 0, 0
+    total, begun = 0.0, -reach
+    for t in range(-reach, reach):
+        other = back + fall * t
+        at = int(other + reach)
+        d = d0 + t * slope
+        if at < 0 or at + 1 > 2 * reach or not _within(planes, ax + t * ux, ay + t * uy, d):
+            total, begun = 0.0, t + 1
+            continue
+        value = min(
+            total_l[i, t + reach + 1] - total_l[i, t + reach], total_r[j, at + 1] - total_r[j, at]
+        )
+        total += value - RUN_LEVEL
+        if total <= 0.0:
+            total, begun = 0.0, t + 1
+        elif total > best:
+            best, best_from, best_to = total, begun, t + 1
+    if best_to - best_from < SHORTEST_LENGTHS * length_px or count >= len(found):
+        return count
+    for end in range(2):
+        t = best_from if end == 0 else best_to
+        p[3 * end], p[3 * end + 1], p[3 * end + 2] = ax + t * ux, ay + t * uy, d0 + t * slope
+    long = axis_length(p, fb, focal, cx, cy)
+    if long > LONGEST * length or abs(long / length - 1) < RUN_SHARE:
+        return count
+    inner = total_l[i, best_to + reach] - total_l[i, best_from + reach]
+    found[count, SCORE] = 2 * inner
+    for n in range(6):
+        found[count, 1 + n] = p[n]
+    return count + 1
