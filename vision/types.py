@@ -151,9 +151,30 @@ class Topology:
     axis: tuple[int, int]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outline:
+    """The edge of a flat part seen from above: solids joined, then holes and slots taken out; metres, in
+    the plane of the part's own frame.
+
+    ``bars`` (B, 2, 2) centre lines from face to face, ``bar_width_m`` (B,); ``discs``, ``holes`` (D, 3)
+    x, y, radius; ``slots`` (S, 5) x, y of the middle of the round bottom, unit direction to the open end,
+    width.
+    """
+
+    bars: Floats
+    bar_width_m: Floats
+    discs: Floats
+    holes: Floats
+    slots: Floats
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartModel:
-    """A product as the detector knows it. Without ``topology`` it is a straight stick."""
+    """A product as the detector knows it. Without ``topology`` it is a straight stick.
+
+    ``diameter_m`` is the thickness of a flat part; ``outline`` its edge, None for round rods along the
+    edges of the topology.
+    """
 
     code: int
     name: str
@@ -161,6 +182,7 @@ class PartModel:
     length_tolerance_m: float
     diameter_m: float
     topology: Topology | None = None
+    outline: Outline | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +264,8 @@ class Candidate:
 
     ``start``, ``end``, ``centre`` (3,) m and ``axis`` (3,) unit from start to end, left camera
     frame; ``nodes`` (K, 3) m in the order of the part's topology, for a stick its two ends.
-    ``refusals`` is empty for an offered one.
+    ``refusals`` is empty for an offered one. ``sigma_m`` standard deviation of the centre in its worst
+    direction, ``sigma_rad`` of the axis; NaN where a method does not state them.
     """
 
     part_code: int
@@ -255,6 +278,8 @@ class Candidate:
     score: float
     residual_px: float
     refusals: tuple[Refused, ...] = ()
+    sigma_m: float = float("nan")
+    sigma_rad: float = float("nan")
 
     @property
     def offered(self) -> bool:
