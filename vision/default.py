@@ -20,6 +20,7 @@ from vision.match import match
 from vision.offer import candidates
 from vision.published import LONGEST_TOPOLOGY_DETOUR, Observer, depth_gate_m, nodes_of_part, require_pictures
 from vision.reconstruct_lines import Level, level_of_depths, level_of_table
+from vision.shapes import locate_shapes
 from vision.stereo import Rectification, Side, rectification, rectify_points
 from vision.strands import Strands, find_strands
 from vision.types import (
@@ -120,7 +121,7 @@ def locate_default(
         for grey, mask, skeleton, traced, one in zip(greys, masks, skeletons, graphs, found, strict=True)
     ]
     if part.topology is not None:
-        return _by_topology(views, part, tuning, table, rect, depth_m, tell)
+        return locate_shapes(left_grey, right_grey, stereo_model, part, tuning, table, observe)
     sides: tuple[Side, Side] = ("left", "right")
     looks = [
         Look(
