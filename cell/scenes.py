@@ -7,7 +7,7 @@ Files are in millimetres; everything leaves in metres. Ground truth beside them 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from cell.calibration import Calibration, load
 from cell.errors import UsageError
-from vision.types import Grey, NodeKind, PartModel, Topology, read_only
+from vision.types import Floats, Grey, NodeKind, Outline, PartModel, Topology, read_only
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 
@@ -99,9 +99,10 @@ def request(scene: SceneFolder, length_tolerance_m: float) -> Request:
         topology=_topology(fields, path) if "nodes_model" in fields else None,
     )
     dims = fields.get("dims")
-    flat = isinstance(dims, dict) and "w" in dims
-    width_m = _number(_member(fields, "dims", path), "w", path) * MM if flat else part.diameter_m
-    return Request(cls=cls, part=part, width_m=width_m)
+    if not isinstance(dims, dict) or "w" not in dims or part.topology is None:
+        return Request(cls=cls, part=part, width_m=part.diameter_m)
+    part = replace(part, outline=_outline(dims, part.topology, path))
+    return Request(cls=cls, part=part, width_m=_number(dims, "w", path) * MM)
 
 
 def grey(scene: SceneFolder, side: str) -> Grey:
@@ -143,6 +144,56 @@ def _topology(fields: dict[str, Json], path: Path) -> Topology:
         kinds=tuple(kinds),
         edges=read_only(pairs),
         axis=(first, second),
+    )
+
+
+def _outline(dims: dict[str, Json], topology: Topology, path: Path) -> Outline:
+    """The edge of a flat part: a spanner where the dimensions name its ring, otherwise bars with holes."""
+    width = _number(dims, "w", path) * MM
+    points = topology.points[:, :2]
+    loops = [n for n, kind in enumerate(topology.kinds) if kind is NodeKind.LOOP_CENTRE]
+    bars = []
+    if "ro" in dims:
+        ring, inner, head = (_number(dims, key, path) * MM for key in ("ro", "ri", "head"))
+        jaws = [n for n, kind in enumerate(topology.kinds) if kind is NodeKind.END]
+        if len(loops) != 1 or len(jaws) != 2:
+            raise UsageError(f"{path}: a spanner has one loop centre and two ends")
+        loop = points[loops[0]]
+        handle = points[next(n for n in topology.axis if n != loops[0])] - loop
+        reach = _number(dims, "L", path) * MM - ring - head
+        middle = loop + reach * handle / np.linalg.norm(handle)
+        mouth = points[jaws].mean(axis=0) - middle
+        mouth = mouth / np.linalg.norm(mouth)
+        return _flat(
+            [np.stack([middle, loop])],
+            width,
+            discs=[[*loop, ring], [*middle, head]],
+            holes=[[*loop, inner]],
+            slots=[[*middle, *mouth, _number(dims, "gap", path) * MM]],
+        )
+    for a, b in topology.edges.tolist():
+        way = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
+        # the nodes are those of the ideal skeleton, which ends half a width before a square face
+        first, last = (0.0 if topology.kinds[n] is NodeKind.JUNCTION else 0.5 * width for n in (a, b))
+        bars.append(np.stack([points[a] - first * way, points[b] + last * way]))
+    radius = _number(dims, "hole", path) * MM if loops else 0.0
+    return _flat(bars, width, discs=[], holes=[[*points[n], radius] for n in loops], slots=[])
+
+
+def _flat(
+    bars: list[Floats],
+    width_m: float,
+    *,
+    discs: list[list[float]],
+    holes: list[list[float]],
+    slots: list[list[float]],
+) -> Outline:
+    return Outline(
+        bars=read_only(np.array(bars, np.float64)),
+        bar_width_m=read_only(np.full(len(bars), width_m)),
+        discs=read_only(np.array(discs, np.float64).reshape(-1, 3)),
+        holes=read_only(np.array(holes, np.float64).reshape(-1, 3)),
+        slots=read_only(np.array(slots, np.float64).reshape(-1, 5)),
     )
 
 

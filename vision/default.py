@@ -23,6 +23,8 @@ from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
 from vision.published import Observer, depth_gate_m, require_pictures
 from vision.rows import row_offset
+from vision.shapes import locate_shapes
+from vision.shapes import warm_up as warm_up_shapes
 from vision.types import (
     CameraModel,
     Floats,
@@ -68,7 +70,9 @@ def locate_default(
     observe: Observer | None = None,
     colour_left: Colour | None = None,
 ) -> Scene:
-    """Find straight parts in a calibrated stereo pair with the project's own method.
+    """Find parts in a calibrated stereo pair with the project's own method.
+
+    Straight parts here, parts with a topology by `vision.shapes`.
 
     Parameters
     ----------
@@ -94,6 +98,8 @@ def locate_default(
         Pictures of a wrong type or size, neither a depth range nor a table, or a part with a colour and no
         colour picture.
     """
+    if part.topology is not None:
+        return locate_shapes(left_grey, right_grey, stereo_model, part, tuning, table, observe)
     require_pictures(left_grey, right_grey, stereo_model)
     if part.colour is not None and colour_left is None:
         raise ValueError(f"part {part.name} is told by its colour; a colour picture of the left camera is needed")
@@ -273,6 +279,7 @@ def warm_up() -> None:
     thin.zhang_suen(left > 100)
     tuning = Tuning(depth_m=(0.3, 0.5))
     locate_default(left, right, stereo_model, part, tuning)
+    warm_up_shapes()
 
 
 def _nobody(_stage: str, _product: object) -> None:

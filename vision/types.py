@@ -193,6 +193,23 @@ class Topology:
     axis: tuple[int, int]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outline:
+    """The edge of a flat part seen from above: solids joined, then holes and slots taken out; metres, in
+    the plane of the part's own frame.
+
+    ``bars`` (B, 2, 2) centre lines from face to face, ``bar_width_m`` (B,); ``discs``, ``holes`` (D, 3)
+    x, y, radius; ``slots`` (S, 5) x, y of the middle of the round bottom, unit direction to the open end,
+    width.
+    """
+
+    bars: Floats
+    bar_width_m: Floats
+    discs: Floats
+    holes: Floats
+    slots: Floats
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColourRange:
     """Which colours count: hue in degrees, [low, high], over 0 where low > high; saturation and value 0..1."""
@@ -204,7 +221,11 @@ class ColourRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartModel:
-    """A product as the detector knows it. Without ``topology`` it is a straight stick."""
+    """A product as the detector knows it. Without ``topology`` it is a straight stick.
+
+    ``diameter_m`` is the thickness of a flat part; ``outline`` its edge, None for round rods along the
+    edges of the topology.
+    """
 
     code: int
     name: str
@@ -212,6 +233,7 @@ class PartModel:
     length_tolerance_m: float
     diameter_m: float
     topology: Topology | None = None
+    outline: Outline | None = None
     colour: ColourRange | None = None
 
 
