@@ -1,0 +1,83 @@
+"""Rows of the accuracy tables: one family of scenes, one method."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from bench.looks import Look, median_of
+from bench.scoring import EXPECTED_INSIDE, SIGMAS, Summary, summary
+from bench.tables import milliseconds, number, percent, spread
+from vision.types import Method
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What one method came to on one family."""
+
+    family: str
+    method: Method
+    summary: Summary
+    first_ms: float
+    whole_ms: float
+    ratio: float
+
+
+HEADINGS = (
+    *("scenes", "method", "rec.\n%", "pick.\n%", "prec.\n%", "first\n%", "free\n%", "over\n%"),
+    *("middle\nmm", "end\nmm", "axis\n°", "in 2σ\nmm/°", "first\nms", "all\nms", "all/\nthin"),
+)
+
+NOTES = (
+    "rec. (recall): of parts seen to at least a half in both pictures; pick.: of those with a free central "
+    "third; prec. (precision): right ones of all that were found; first: the first pick is right and pickable; "
+    "free: it is offered, right, and nothing at all lies on it; over: of two found parts, one over the middle "
+    "of the other, the upper one is ranked first. Right: middle within 5 mm across and 8 mm along the sight, "
+    "axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
+    "middle, end, axis: median/95th percentile of right ones. in 2σ: share of errors inside twice the stated "
+    f"sigma (an honest detector has {EXPECTED_INSIDE:.0%} inside {SIGMAS:g}); - where none is stated. ms: one "
+    "pair, files read. all/thin: that over skimage.morphology.skeletonize of the same two masks.",
+)
+
+
+def row(family: str, method: Method, looks: Iterable[Look]) -> Row:
+    """Add looks up."""
+    some = list(looks)
+    return Row(
+        family=family,
+        method=method,
+        summary=summary(one.score for one in some),
+        first_ms=median_of([one.first_ms for one in some]),
+        whole_ms=median_of([one.whole_ms for one in some]),
+        ratio=median_of([one.ratio for one in some]),
+    )
+
+
+def cells(one: Row) -> tuple[str, ...]:
+    """A row as text, under `HEADINGS`."""
+    total = one.summary
+    return (
+        f"{one.family} ({total.looks})",
+        one.method,
+        percent(total.recall),
+        percent(total.pickable),
+        percent(total.precision),
+        percent(total.first),
+        percent(total.free),
+        percent(total.ranked if total.told != total.told else total.told),
+        spread(total.middle_mm),
+        spread(total.end_mm, 1),
+        spread(total.axis_deg),
+        "-" if total.inside_m != total.inside_m else f"{percent(total.inside_m)}/{percent(total.inside_rad)}",
+        milliseconds(one.first_ms),
+        milliseconds(one.whole_ms),
+        number(one.ratio, 1),
+    )
+
+
+def by_size(family: str) -> tuple[str, int]:
+    """Sorting key: A before B, H10 before H20 before H40."""
+    letters = re.match(r"\D*", family)
+    digits = re.search(r"\d+", family)
+    return (letters.group() if letters else "", int(digits.group()) if digits else 0)

@@ -1,0 +1,150 @@
+"""One look of one method at a case, timed; settings of each method as `mikado evaluate` has them."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass, replace
+
+import numpy as np
+from skimage.morphology import skeletonize
+
+from bench.cases import Case
+from bench.scoring import Answer, LookScore, answer_of, score
+from cell.evaluate import EPIPOLAR_WIDTHS, SPUR_WIDTHS, STICK_TOLERANCE_M
+from drivers.timing import MonotonicClock
+from vision.locate import locate
+from vision.quality import assess
+from vision.types import Method, Scene, Tuning
+
+METHODS: tuple[Method, ...] = ("published", "default")
+TRAY_HEIGHT_M = (-0.003, 0.045)
+"""Heights above the tray's floor at which parts of our own piles may lie."""
+PAPER_BAND = (186, 255)
+"""The published method's band for sticks (table 1 of its paper), set by hand as there: a proposal from the
+histogram takes the tray's bright walls too."""
+FIRST = "first"
+"""The stage at which a detector that answers in steps tells its first pick."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Look:
+    """One look: the answer, its score, and medians of its times and of a known thinning on the same masks.
+
+    ``refused``: why the pictures were not looked at; then there is no scene, and nothing was found.
+    """
+
+    case: Case
+    scene: Scene | None
+    refused: str | None
+    answer: Answer
+    score: LookScore
+    first_ms: float
+    whole_ms: float
+    skeletonize_ms: float
+
+    @property
+    def ratio(self) -> float:
+        """Time of the whole scene over that of ``skimage.morphology.skeletonize`` of both masks."""
+        return self.whole_ms / self.skeletonize_ms
+
+
+class FirstTold:
+    """An observer that notes when the first pick was told."""
+
+    def __init__(self, clock: MonotonicClock) -> None:
+        self._clock = clock
+        self.at_s: float | None = None
+
+    def __call__(self, stage: str, product: object) -> None:  # noqa: ARG002 - an observer's signature
+        if stage == FIRST:
+            self.at_s = self._clock.now()
+
+
+def tuning_for(case: Case, method: Method) -> Tuning:
+    """What `mikado evaluate` sets; for our own tray its heights, and the paper's band for its method."""
+    distance_m = -case.table.offset_m / float(case.table.normal[2])
+    width_px = case.width_m * float(case.stereo.left.matrix[0, 0]) / distance_m
+    tuning = Tuning(
+        method=method,
+        spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
+        epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
+    )
+    if not case.walled:
+        return tuning
+    return replace(tuning, height_m=TRAY_HEIGHT_M, band=PAPER_BAND if method == "published" else None)
+
+
+def see(case: Case, method: Method) -> tuple[Scene, float, float]:
+    """One look: scene, ms until its first pick was told, ms until it ended."""
+    part = case.part
+    if part.topology is None:
+        part = replace(part, length_tolerance_m=STICK_TOLERANCE_M[method])
+    clock = MonotonicClock()
+    told = FirstTold(clock)
+    tuning = tuning_for(case, method)
+    began_at = clock.now()
+    scene = locate(case.left, case.right, case.stereo, part, tuning, case.table, told)
+    whole_s = clock.now() - began_at
+    first_s = whole_s if told.at_s is None else told.at_s - began_at
+    return scene, 1000.0 * first_s, 1000.0 * whole_s
+
+
+def thinned_ms(scene: Scene) -> float:
+    """How long scikit-image takes to thin the two masks of a scene."""
+    masks = [view.mask.copy() for view in (scene.left, scene.right)]  # it wants to be able to write
+    clock = MonotonicClock()
+    began_at = clock.now()
+    for mask in masks:
+        skeletonize(mask)  # type: ignore[no-untyped-call]  # the library has no types
+    return 1000.0 * (clock.now() - began_at)
+
+
+def unusable(case: Case) -> str | None:
+    """Why the cell would not look for parts in these pictures; None if it would."""
+    for side, grey in (("left", case.left), ("right", case.right)):
+        flaw = assess(grey)
+        if flaw is not None:
+            return f"{side} picture {flaw.flaw.value} ({flaw.value:.3g}, limit {flaw.limit:.3g})"
+    return None
+
+
+def look(case: Case, method: Method, repeats: int = 1) -> Look:
+    """Look ``repeats`` times, the known thinning in between; times are medians, the answer is the last."""
+    refused = unusable(case)
+    if refused is not None:
+        nothing = Answer(found=(), segments=np.zeros((0, 2, 3)))
+        unknown = float("nan")
+        return Look(
+            case=case,
+            scene=None,
+            refused=refused,
+            answer=nothing,
+            score=score(nothing, case.truth),
+            first_ms=unknown,
+            whole_ms=unknown,
+            skeletonize_ms=unknown,
+        )
+    scene, first_ms, whole_ms = see(case, method)
+    firsts, wholes, thinned = [first_ms], [whole_ms], [thinned_ms(scene)]
+    for _ in range(repeats - 1):
+        scene, first_ms, whole_ms = see(case, method)
+        firsts.append(first_ms)
+        wholes.append(whole_ms)
+        thinned.append(thinned_ms(scene))
+    answer = answer_of(scene)
+    return Look(
+        case=case,
+        scene=scene,
+        refused=None,
+        answer=answer,
+        score=score(answer, case.truth),
+        first_ms=statistics.median(firsts),
+        whole_ms=statistics.median(wholes),
+        skeletonize_ms=statistics.median(thinned),
+    )
+
+
+def median_of(values: list[float]) -> float:
+    """The median of those that are numbers, NaN of none."""
+    some = [value for value in values if not np.isnan(value)]
+    return float(np.median(some)) if some else float("nan")
