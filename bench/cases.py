@@ -26,7 +26,8 @@ PLATES = frozenset({"bracket", "spanner", "tee"})
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """One pair. ``width_m``: how wide a part looks from above; ``shows``: which part a pixel shows, both views.
+    """One pair. ``width_m``: how wide a part looks from above; ``shows``: which part a pixel shows, both
+    views.
 
     ``walled``: pictures with a bright tray wall in them, where a band proposed from the histogram takes the
     wall too.
@@ -147,7 +148,7 @@ def _metres(millimetres: list[float] | list[list[float]]) -> Floats:
 
 def _ids(path: Path, known: dict[str, Any]) -> Ids:
     """The scene's own picture of ids (object id + 1, 250: other things) as places in our list, from 1."""
-    pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if pixels is None:
         raise ValueError(f"{path}: not a picture that can be read")
     place = np.zeros(256, np.int32)

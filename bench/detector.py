@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from bench import families, own, tables
+from bench import accuracy, own, tables
 from bench.looks import METHODS, Look, look
 from vision.default import warm_up
 
@@ -28,7 +28,7 @@ class Wish:
 USUAL = Wish(seed=0)
 
 
-def measure(wish: Wish) -> tuple[families.Row, ...]:
+def measure(wish: Wish) -> tuple[accuracy.Row, ...]:
     """One row a number of sticks and method; the methods take turns."""
     warm_up()
     rows = []
@@ -40,18 +40,18 @@ def measure(wish: Wish) -> tuple[families.Row, ...]:
         for case in cases:
             for method in METHODS:
                 looks[method].append(look(case, method, wish.repeats))
-        rows += [families.row(f"N={sticks}", method, looks[method]) for method in METHODS]
+        rows += [accuracy.row(f"N={sticks}", method, looks[method]) for method in METHODS]
     return tuple(rows)
 
 
-def sheet(rows: tuple[families.Row, ...], wish: Wish) -> tables.Sheet:
+def sheet(rows: tuple[accuracy.Row, ...], wish: Wish) -> tables.Sheet:
     """The table."""
     return tables.Sheet(
         title=f"Dense piles of our own renderer, 640 x 480, seed {wish.seed}",
         command=f"python -m bench.detector --seed {wish.seed} --piles {wish.piles}",
-        headings=families.HEADINGS,
-        rows=tuple(families.cells(one) for one in rows),
-        notes=families.NOTES,
+        headings=accuracy.HEADINGS,
+        rows=tuple(accuracy.cells(one) for one in rows),
+        notes=accuracy.NOTES,
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench import families, tables
+from bench import accuracy, tables
 from bench.cases import of_folder
 from bench.looks import METHODS, Look, look
 from vision.default import warm_up
@@ -29,17 +29,17 @@ def measure(folder: Path, only: tuple[str, ...] = (), repeats: int = 1) -> dict[
     return looks
 
 
-def rows(looks: dict[str, list[Look]]) -> tuple[families.Row, ...]:
+def rows(looks: dict[str, list[Look]]) -> tuple[accuracy.Row, ...]:
     """One row a family and method, then one for all that have something to pick."""
     found = []
-    for family in sorted({one.case.family for one in looks["default"]}, key=families.by_size):
+    for family in sorted({one.case.family for one in looks["default"]}, key=accuracy.by_size):
         for method in METHODS:
             here = [one for one in looks[method] if one.case.family == family]
             if not all(one.case.truth.negative for one in here):
-                found.append(families.row(family, method, here))
+                found.append(accuracy.row(family, method, here))
     for method in METHODS:
         positive = [one for one in looks[method] if not one.case.truth.negative]
-        found.append(families.row("all", method, positive))
+        found.append(accuracy.row("all", method, positive))
     return tuple(found)
 
 
@@ -55,11 +55,11 @@ def sheet(looks: dict[str, list[Look]], command: str) -> tables.Sheet:
     return tables.Sheet(
         title=f"Photorealistic scenes ({len(looks['default'])})",
         command=command,
-        headings=families.HEADINGS,
-        rows=tuple(families.cells(one) for one in rows(looks)),
+        headings=accuracy.HEADINGS,
+        rows=tuple(accuracy.cells(one) for one in rows(looks)),
         notes=(
             f"False picks in the {count} scenes with nothing to pick: {', '.join(negatives)}.",
-            *families.NOTES,
+            *accuracy.NOTES,
         ),
     )
 

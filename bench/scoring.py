@@ -1,7 +1,7 @@
 """What a result is worth: the one definition of right, recall, precision, first pick and honest doubt.
 
-The definitions are those of the photorealistic scenes' own evaluator (FORMAT.md beside them); a test holds the
-two against each other where the scenes are there. Metres, radians, raw left camera frame.
+The definitions are those of the photorealistic scenes' own evaluator (FORMAT.md beside them); a test holds
+the two against each other where the scenes are there. Metres, radians, raw left camera frame.
 """
 
 from __future__ import annotations
