@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.scenes import Piles
 from bench.scoring import PLATE, THIN, Crossing, TruePart, Truth
-from bench.truth import Ids, truth_of
+from bench.outlines import Ids, truth_of
 from cell import scenes
 from cell.calibration import Calibration
 from cell.evaluate import TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS

@@ -1,8 +1,8 @@
-"""Both methods on dense piles from fresh seeds of our own renderer, by number of sticks.
+"""Both methods on scenes of our own renderer from fresh seeds, by family: heaps of 5, 10, 20, 40 and others.
 
-``python -m bench.detector [--seed S] [--piles 3] [--sticks 5 10 20 40]``
+``python -m bench.detector [--seed S] [--scenes 3] [--families A B H10 H20 H40] [--rig webcam]``
 
-Every run has other piles unless it is given the seed that an earlier one printed.
+Every run has other scenes unless it is given the seed that an earlier one printed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import argparse
 from dataclasses import dataclass
 
 from bench import accuracy, own, tables
+from bench.families import FAMILIES
 from bench.looks import METHODS, Look, look
+from bench.rigs import RIGS
 from vision.default import warm_up
 
 
@@ -20,8 +22,9 @@ class Wish:
     """How much of it."""
 
     seed: int
-    piles: int = 3
-    sticks: tuple[int, ...] = (5, 10, 20, 40)
+    scenes: int = 3
+    families: tuple[str, ...] = FAMILIES
+    rig: str = "webcam"
     repeats: int = 1
 
 
@@ -29,29 +32,32 @@ USUAL = Wish(seed=0)
 
 
 def measure(wish: Wish) -> tuple[accuracy.Row, ...]:
-    """One row a number of sticks and method; the methods take turns."""
+    """One row a family and method; the methods take turns."""
     warm_up()
     rows = []
-    for sticks in wish.sticks:
-        cases = own.dense(sticks, wish.piles, wish.seed)
+    for family in wish.families:
+        cases = own.cases(family, wish.scenes, wish.seed, wish.rig)
         looks: dict[str, list[Look]] = {method: [] for method in METHODS}
         for method in METHODS:
             look(cases[0], method)
         for case in cases:
             for method in METHODS:
                 looks[method].append(look(case, method, wish.repeats))
-        rows += [accuracy.row(f"N={sticks}", method, looks[method]) for method in METHODS]
+        rows += [accuracy.row(family, method, looks[method]) for method in METHODS]
     return tuple(rows)
 
 
 def sheet(rows: tuple[accuracy.Row, ...], wish: Wish) -> tables.Sheet:
     """The table."""
     return tables.Sheet(
-        title=f"Dense piles of our own renderer, 640 x 480, seed {wish.seed}",
-        command=f"python -m bench.detector --seed {wish.seed} --piles {wish.piles}",
+        title=f"Fresh scenes of our own renderer, {RIGS[wish.rig].name}, seed {wish.seed}",
+        command=f"python -m bench.detector --seed {wish.seed} --scenes {wish.scenes} --rig {wish.rig}",
         headings=accuracy.HEADINGS,
         rows=tuple(accuracy.cells(one) for one in rows),
-        notes=accuracy.NOTES,
+        notes=(
+            "A spread; B five over one another; H10, H20, H40: heaps of so many, as dense as physical ones.",
+            *accuracy.NOTES,
+        ),
     )
 
 
@@ -61,12 +67,18 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=None)
-    parser.add_argument("--piles", type=int, default=USUAL.piles)
-    parser.add_argument("--sticks", type=int, nargs="+", default=list(USUAL.sticks))
+    parser.add_argument("--scenes", type=int, default=USUAL.scenes, help="of each family")
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
+    parser.add_argument("--rig", choices=sorted(RIGS), default=USUAL.rig)
     parser.add_argument("--repeats", type=int, default=USUAL.repeats)
     options = parser.parse_args()
-    seed = own.fresh_seed() if options.seed is None else options.seed
-    wish = Wish(seed=seed, piles=options.piles, sticks=tuple(options.sticks), repeats=options.repeats)
+    wish = Wish(
+        seed=own.fresh_seed() if options.seed is None else options.seed,
+        scenes=options.scenes,
+        families=tuple(options.families),
+        rig=options.rig,
+        repeats=options.repeats,
+    )
     tables.show(sheet(measure(wish), wish))
 
 

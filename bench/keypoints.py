@@ -25,15 +25,17 @@ import numpy.typing as npt
 from bench import own, tables
 from bench.cases import Case, of_folder
 from bench.accuracy import by_size
+from bench.families import FAMILIES as OWN_FAMILIES
 from bench.looks import METHODS, look
 from bench.scoring import share
-from bench.truth import project
+from bench.outlines import project
 from drivers.timing import MonotonicClock
 from vision.default import warm_up
 from vision.types import Floats, Grey
 
 FAMILIES = ("A", "B", "C", "D", "E")
 """Side by side, overlapping, transparent, and two kinds of plates, as in the paper."""
+OWN_SCENES = 3
 RATIO = 0.8
 """A match counts when its best is at least this much nearer than its second (Lowe 2004)."""
 NEAR_PX = 3.0
@@ -213,12 +215,14 @@ def measure(cases: tuple[Case, ...]) -> tuple[tuple[Row, ...], tuple[str, ...]]:
 
 
 def cases_of(scenes: Path | None, seed: int) -> tuple[tuple[Case, ...], tuple[str, ...]]:
-    """Scenes A to E of a set; without one, own piles of 4 (A) and 5 (B), and what that leaves out."""
+    """Scenes A to E of a set; without one those our own renderer has, and what that leaves out."""
     if scenes is not None:
         return tuple(case for case in of_folder(scenes) if case.family in FAMILIES), ()
-    return own.table_one(seed), (
-        f"C (transparent), D and E (plates) NOT RUN: our renderer has only sticks. Own piles, seed {seed}; "
-        "with photorealistic scenes: --scenes SCENES.",
+    here = [family for family in FAMILIES if family in OWN_FAMILIES]
+    away = [family for family in FAMILIES if family not in OWN_FAMILIES]
+    return tuple(case for family in here for case in own.cases(family, OWN_SCENES, seed)), (
+        f"{', '.join(away)} NOT RUN: our renderer does not make them (C transparent, D and E plates). Own "
+        f"scenes, seed {seed}; with photorealistic ones: --scenes SCENES.",
     )
 
 

@@ -1,16 +1,22 @@
-"""Cases from our own renderer: dense piles of 640 x 480, the paper's first scenes, 200 parts in 5 megapixels."""
+"""Cases of our own making, from fresh random numbers: families of `bench.piles`, and 200 parts in 5 megapixels."""
 
 from __future__ import annotations
 
+import json
 import secrets
 import tempfile
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from bench.cases import Case, of_piles
-from bench.scenes import WORLD, Pile, Piles, render
+from bench import piles, rigs
+from bench.cases import Case, of_piles, truth_from
+from bench.picture import BLOCK_OWNER
+from bench.rigs import RIGS
+from bench.scenes import WORLD, Pile, Piles
+from bench.views import View
 from cell import calibration, frames
 from drivers.sim.cell import load_world
 from drivers.sim.layout import CameraLayout, WorldLayout
@@ -19,9 +25,8 @@ from drivers.sim.render import Lighting, Renderer
 from drivers.sim.world import World
 from drivers.types import Frame
 from vision import transforms
-from vision.types import PartModel
+from vision.types import Grey, PartModel
 
-SPREAD = 0.4
 FINER = 4
 """A picture of 2560 x 1920, seen by the demo's cameras with a sensor so many times finer."""
 LARGE_COUNTS = (10, 50, 200)
@@ -35,21 +40,50 @@ def fresh_seed() -> int:
     return secrets.randbelow(2**31)
 
 
-@lru_cache(maxsize=16)
-def dense(sticks: int, count: int, seed: int) -> tuple[Case, ...]:
-    """``count`` dense piles of so many sticks; every seed gives other ones."""
-    first = int(np.random.default_rng([seed, sticks]).integers(2**31))
-    return of_piles(f"N={sticks}", render(sticks, range(first, first + count), SPREAD))
+@lru_cache(maxsize=64)
+def cases(family: str, count: int, seed: int, rig: str = "webcam") -> tuple[Case, ...]:
+    """``count`` scenes of a family (`bench.families`); every seed gives other ones."""
+    camera = RIGS[rig]
+    known = rigs.known(camera)
+    if known.table is None:
+        raise ValueError(f"{camera.name}: its calibration has no table")
+    found = []
+    for number in range(count):
+        scene = piles.draw(family, camera, piles.scene_rng(seed, family, camera, number))
+        told = json.loads(piles.truth_text(scene, f"{family}-{number + 1}", family, seed))
+        wish = scene.scenery.wish
+        left, right = (_grey(view) for view in scene.views)
+        shows = [
+            np.where(view.owner >= BLOCK_OWNER, 0, view.owner + 1).astype(np.int32) for view in scene.views
+        ]
+        found.append(
+            Case(
+                family=family,
+                name=told["scene"],
+                left=left,
+                right=right,
+                stereo=known.stereo,
+                table=known.table,
+                part=PartModel(
+                    code=1,
+                    name="stick",
+                    length_m=wish.length_m,
+                    length_tolerance_m=0.0,
+                    diameter_m=wish.diameter_m,
+                ),
+                width_m=wish.diameter_m,
+                truth=truth_from(told, "stick"),
+                shows=(shows[0], shows[1]),
+                walled=False,
+            )
+        )
+    return tuple(found)
 
 
-@lru_cache(maxsize=2)
-def table_one(seed: int) -> tuple[Case, ...]:
-    """The paper's first two scenes: 4 sticks side by side (A) and 5 that overlap (B), three of each."""
-    first = int(np.random.default_rng([seed, 1]).integers(2**31))
-    return (
-        *of_piles("A", render(4, range(first, first + 3), 1.0)),
-        *of_piles("B", render(5, range(first, first + 3), SPREAD)),
-    )
+def _grey(view: View) -> Grey:
+    """The picture as `mikado evaluate` reads it from its file."""
+    pixels = view.pixels
+    return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 @lru_cache(maxsize=2)
@@ -86,14 +120,14 @@ def large(counts: tuple[int, ...], seed: int) -> tuple[Case, ...]:
         diameter_m=layout.sticks.diameter_m,
     )
     table = calibration.table_of(known, layout.tray.centre_m[2])
-    cases: list[Case] = []
+    found: list[Case] = []
     for count, heap, left, right in zip(counts, heaps, *pictures, strict=True):
         ends = transforms.apply(camera_from_base, np.array([stick.ends for stick in heap.lying]))
         pile = Pile(left=left, right=right, ends=ends)
-        cases += of_piles(
+        found += of_piles(
             f"5 MP, {count}", Piles(piles=(pile,), known=known, table=table, part=part)
         )
-    return tuple(cases)
+    return tuple(found)
 
 
 def _finer(layout: WorldLayout) -> WorldLayout:

@@ -1,6 +1,6 @@
 """Thinning and skeleton graphs: ours beside the libraries that do a part of the work.
 
-``python -m bench.skeletons [--seed S] [--sticks 20] [--large]``
+``python -m bench.skeletons [--seed S] [--family H20] [--large]``
 
 A thinning is right when it keeps every piece and every hole of the mask: pixels of the skeleton have the mask's
 Euler number. A graph is right when its nodes less its edges are that number too. Times are per picture.
@@ -22,6 +22,7 @@ from skimage.morphology import skeletonize
 
 from bench import own, tables
 from bench.cases import Case
+from bench.families import FAMILIES
 from drivers.timing import MonotonicClock
 from vision import graph, thin
 from vision.foreground import stands_out
@@ -161,10 +162,10 @@ def compare(size: str, case: Case, runnable: tuple[Peer, ...]) -> list[Row]:
     ]
 
 
-def measure(seed: int, sticks: int, with_large: bool) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+def measure(seed: int, family: str, with_large: bool) -> tuple[tuple[Row, ...], tuple[str, ...]]:
     """Rows of the small picture, and of the large one if wanted."""
     runnable, notes = peers()
-    (small,) = own.dense(sticks, 1, seed)
+    (small,) = own.cases(family, 1, seed)
     rows = compare("640x480", small, runnable)
     if with_large:
         rows += compare("2560x1920", own.large(own.LARGE_COUNTS, seed)[-1], runnable)
@@ -212,11 +213,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=None)
-    parser.add_argument("--sticks", type=int, default=20)
+    parser.add_argument("--family", choices=FAMILIES, default="H20")
     parser.add_argument("--large", action="store_true", help="5 megapixels too")
     options = parser.parse_args()
     seed = own.fresh_seed() if options.seed is None else options.seed
-    rows, notes = measure(seed, options.sticks, options.large)
+    rows, notes = measure(seed, options.family, options.large)
     tables.show(sheet(rows, notes, f"python -m bench.skeletons --seed {seed}"))
 
 

@@ -1,6 +1,6 @@
 """How fast: first pick and whole scene by size, stage by stage, on one core; and the first look after a start.
 
-``python -m bench.speed [--seed S] [--piles 2] [--repeats 3] [--large]``
+``python -m bench.speed [--seed S] [--scenes 2] [--repeats 3] [--large]``
 
 The process is held on one core, with one thread in OpenCV. Between any two looks scikit-image thins the two masks of
 the scene: as a ratio to that, figures of different machines and hours can be compared.
@@ -31,8 +31,8 @@ from vision.default import warm_up
 from vision.locate import locate
 from vision.types import Method
 
-STICKS = (5, 20, 40)
-GOALS_MS = {"N=5": (5, 6), "N=20": (15, 25), "N=40": (25, 80), "5 MP, 200": (120, 500)}
+SIZES = ("B", "H20", "H40")
+GOALS_MS = {"B": (5, 6), "H20": (15, 25), "H40": (25, 80), "5 MP, 200": (120, 500)}
 """First pick and whole scene, milliseconds."""
 LONGEST_REPEATED_MS = 2000.0
 """Looks that take longer are not repeated."""
@@ -156,7 +156,7 @@ def one_start(seed: int) -> str:
     began_at = clock.now()
     warm_up()
     warm_up_ms = 1000.0 * (clock.now() - began_at)
-    (case,) = own.dense(20, 1, seed)
+    (case,) = own.cases("H20", 1, seed)
     took = [see(case, "default")[2] for _ in range(1 + LATER_LOOKS)]
     with open("/proc/self/stat", encoding="utf-8") as stat, open("/proc/uptime", encoding="utf-8") as uptime:
         ticks = int(stat.read().rsplit(")", 1)[1].split()[19])
@@ -173,11 +173,11 @@ def one_start(seed: int) -> str:
 
 
 def measure(
-    seed: int, piles: int, repeats: int, with_large: bool, sticks: tuple[int, ...] = STICKS, starts: int = 3
+    seed: int, scenes: int, repeats: int, with_large: bool, families: tuple[str, ...] = SIZES, starts: int = 3
 ) -> Speeds:
     """All of it; rendering is done before the process is held on one core."""
     warm_up()
-    groups = [own.dense(count, piles, seed) for count in sticks]
+    groups = [own.cases(family, scenes, seed) for family in families]
     if with_large:
         groups += [(case,) for case in own.large(own.LARGE_COUNTS, seed)]
     with one_core():
@@ -224,7 +224,7 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
         ),
         rows=tuple(lines),
         notes=(
-            "Medians. N: 640x480, 5 MP: 2560x1920. Where a method does not tell its first pick before the rest, "
+            "Medians. B, H: 640x480, 5 MP: 2560x1920. Where a method does not tell its first pick before the rest, "
             "both times are the same. The thinning is that of both masks, in between the looks.",
         ),
     )
@@ -255,7 +255,7 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
             for i, one in enumerate(speeds.starts, start=1)
         ),
         notes=(
-            "Fresh processes with compiled code on disk; N=20, default method. Goal: the first look takes at most "
+            "Fresh processes with compiled code on disk; H20, default method. Goal: the first look takes at most "
             f"{FIRST_LOOK_GOAL:g} times the median of later ones.",
         ),
     )
@@ -268,7 +268,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=None)
-    parser.add_argument("--piles", type=int, default=2)
+    parser.add_argument("--scenes", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--large", action="store_true", help="5 megapixels too")
     parser.add_argument("--one-start", action="store_true", help=argparse.SUPPRESS)
@@ -277,7 +277,7 @@ def main() -> None:
     if options.one_start:
         print(one_start(seed))
         return
-    speeds = measure(seed, options.piles, options.repeats, options.large)
+    speeds = measure(seed, options.scenes, options.repeats, options.large)
     for one in sheets(speeds, f"python -m bench.speed --seed {seed}"):
         tables.show(one)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.truth import truth_of
+from bench.outlines import truth_of
 from vision.types import CameraModel, Floats, Plane, StereoModel, Transform, read_only
 
 DIAMETER_M = 0.004
