@@ -13,9 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from bench.outlines import Ids, truth_of
 from bench.scenes import Piles
 from bench.scoring import PLATE, THIN, Crossing, TruePart, Truth
-from bench.outlines import Ids, truth_of
 from cell import scenes
 from cell.calibration import Calibration
 from cell.evaluate import TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS

@@ -2,11 +2,11 @@
 
 ``python -m bench.keypoints [--scenes SCENES] [--seed S]``
 
-The paper's score is the share of segments belonging to the sticks that are right. A keypoint method makes no
-segments, so for it two honest neighbours are counted: of its matches that begin on a part, the share that also end
-on the same point of it in the other picture; and the share of parts with at least two right matches, from which a
-segment could be had. For both graph methods: of the segments along a part the right ones, and the share of parts
-found as a whole.
+The paper's score is the share of segments belonging to the sticks that are right. A keypoint method makes
+no segments, so for it two honest neighbours are counted: of its matches that begin on a part, the share that
+also end on the same point of it in the other picture; and the share of parts with at least two right
+matches, from which a segment could be had. For both graph methods: of the segments along a part the right
+ones, and the share of parts found as a whole.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from bench import own, tables
-from bench.cases import Case, of_folder
 from bench.accuracy import by_size
+from bench.cases import Case, of_folder
 from bench.families import FAMILIES as OWN_FAMILIES
 from bench.looks import METHODS, look
-from bench.scoring import share
 from bench.outlines import project
+from bench.scoring import share
 from drivers.timing import MonotonicClock
 from vision.default import warm_up
 from vision.types import Floats, Grey
@@ -44,7 +45,7 @@ REACH_PX = 3
 """A keypoint so near to a part belongs to it: it may sit on its rim."""
 LEAST_MATCHES = 2
 
-Descriptors = npt.NDArray[np.float32] | npt.NDArray[np.uint8]
+Descriptors = npt.NDArray[Any]  # float32 or uint8, as the method likes
 Extract = Callable[[Grey], tuple[Floats, Descriptors]]
 """A picture to keypoints (K, 2) px and their descriptors (K, D)."""
 
@@ -151,7 +152,7 @@ def true_places(points: Floats, part: npt.NDArray[np.int64], case: Case) -> Floa
 
 
 def judge(left: Floats, right: Floats, case: Case) -> tuple[int, int, set[int]]:
-    """Matches (M, 2) px each: how many begin on a target, how many of those are right, and parts with enough."""
+    """Of matches (M, 2) px each: those that begin on a target, the right ones of them, parts with enough."""
     part = part_at(left, case)
     wanted = np.array([False, *(one.target for one in case.truth.parts)])
     on = wanted[part]
@@ -245,10 +246,11 @@ def sheet(rows: tuple[Row, ...], notes: tuple[str, ...], command: str) -> tables
         ),
         notes=(
             "right: published, default: of the segments along a part those truly on it (3 mm across, 8 mm "
-            "deep), the paper's score. SIFT, ORB, SURF make no segments: of the matches that begin on a part "
-            f"those that end within {NEAR_PX:g} px of the same point in the other picture. parts had: found as "
-            f"a whole; for keypoints those with at least {LEAST_MATCHES} right matches, from which a segment "
-            f"could be had. Matches are each other's best, ratio {RATIO:g}. ms: both pictures and the matching.",
+            "deep), the paper's score. SIFT, ORB, SURF make no segments: of the matches that begin on a "
+            f"part those that end within {NEAR_PX:g} px of the same point in the other picture. parts had: "
+            f"found as a whole; for keypoints those with at least {LEAST_MATCHES} right matches, from which "
+            f"a segment could be had. Matches are each other's best, ratio {RATIO:g}. ms: both pictures "
+            "and the matching.",
             *notes,
         ),
     )

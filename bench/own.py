@@ -1,4 +1,4 @@
-"""Cases of our own making, from fresh random numbers: families of `bench.piles`, and 200 parts in 5 megapixels."""
+"""Cases of our own making, from fresh random numbers: those of `bench.piles`, and 200 parts in 5 MP."""
 
 from __future__ import annotations
 
@@ -124,9 +124,7 @@ def large(counts: tuple[int, ...], seed: int) -> tuple[Case, ...]:
     for count, heap, left, right in zip(counts, heaps, *pictures, strict=True):
         ends = transforms.apply(camera_from_base, np.array([stick.ends for stick in heap.lying]))
         pile = Pile(left=left, right=right, ends=ends)
-        found += of_piles(
-            f"5 MP, {count}", Piles(piles=(pile,), known=known, table=table, part=part)
-        )
+        found += of_piles(f"5 MP, {count}", Piles(piles=(pile,), known=known, table=table, part=part))
     return tuple(found)
 
 

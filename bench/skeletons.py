@@ -2,8 +2,9 @@
 
 ``python -m bench.skeletons [--seed S] [--family H20] [--large]``
 
-A thinning is right when it keeps every piece and every hole of the mask: pixels of the skeleton have the mask's
-Euler number. A graph is right when its nodes less its edges are that number too. Times are per picture.
+A thinning is right when it keeps every piece and every hole of the mask: pixels of the skeleton have the
+mask's Euler number. A graph is right when its nodes less its edges are that number too. Times are of one
+picture.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Row:
 
 def pixels_euler(skeleton: Mask) -> int:
     """Pieces less holes of a set of pixels, neighbours across corners included."""
-    return int(euler_number(np.asarray(skeleton, np.bool_), connectivity=2))
+    return int(euler_number(skeleton, connectivity=2))  # type: ignore[no-untyped-call]  # no types there
 
 
 def peers() -> tuple[tuple[Peer, ...], tuple[str, ...]]:
@@ -75,8 +76,9 @@ def peers() -> tuple[tuple[Peer, ...], tuple[str, ...]]:
     ]
     missing = []
     if hasattr(cv2, "ximgproc"):
+        contributed = importlib.import_module("cv2.ximgproc")
         for name, way in (("Zhang-Suen", "THINNING_ZHANGSUEN"), ("Guo-Hall", "THINNING_GUOHALL")):
-            found.append(_ximgproc(name, getattr(cv2.ximgproc, way)))
+            found.append(_ximgproc(contributed, name, getattr(contributed, way)))
     else:
         missing.append("cv2.ximgproc (in opencv-contrib-python, which replaces the OpenCV we use)")
     for name, make in (("mahotas", _mahotas), ("skan", _skan), ("sknw", _sknw)):
@@ -96,9 +98,9 @@ def _ours(found: Any) -> int:
     return len(found.points) - len(found.edges)
 
 
-def _ximgproc(name: str, way: int) -> Peer:
+def _ximgproc(library: Any, name: str, way: int) -> Peer:
     def run(mask: Mask) -> Mask:
-        return np.asarray(cv2.ximgproc.thinning(mask.astype(np.uint8) * 255, thinningType=way), np.bool_)
+        return np.asarray(library.thinning(mask.astype(np.uint8) * 255, thinningType=way), np.bool_)
 
     return Peer(name=f"OpenCV ximgproc, {name}", thins=True, run=run, euler=pixels_euler)
 
@@ -199,9 +201,9 @@ def sheet(rows: tuple[Row, ...], notes: tuple[str, ...], command: str) -> tables
         ),
         rows=tuple(lines),
         notes=(
-            "One picture, median; all take turns in one process. Graphs are built from our Guo-Hall skeleton. A "
-            "library that leaves out closed rings or single pixels, or splits a junction into several nodes with "
-            "cycles between them, is off.",
+            "One picture, median; all take turns in one process. Graphs are built from our Guo-Hall "
+            "skeleton. A library that leaves out closed rings or single pixels, or splits a junction into "
+            "several nodes with cycles between them, is off.",
             *notes,
         ),
     )

@@ -1,9 +1,9 @@
-"""How fast: first pick and whole scene by size, stage by stage, on one core; and the first look after a start.
+"""How fast: first pick and whole scene by size, by stage, on one core; and the first look after a start.
 
 ``python -m bench.speed [--seed S] [--scenes 2] [--repeats 3] [--large]``
 
-The process is held on one core, with one thread in OpenCV. Between any two looks scikit-image thins the two masks of
-the scene: as a ratio to that, figures of different machines and hours can be compared.
+The process is held on one core, with one thread in OpenCV. Between any two looks scikit-image thins the two
+masks of the scene: as a ratio to that, figures of different machines and hours can be compared.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Speeds:
 
 @contextmanager
 def one_core() -> Iterator[int]:
-    """All threads of this process, and its children, on one of the cores it may use; OpenCV with one thread."""
+    """All threads of this process, and its children, on one of its cores; OpenCV with one thread."""
     allowed = os.sched_getaffinity(0)
     core = max(allowed)
     threads = cv2.getNumThreads()
@@ -224,11 +224,13 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
         ),
         rows=tuple(lines),
         notes=(
-            "Medians. B, H: 640x480, 5 MP: 2560x1920. Where a method does not tell its first pick before the rest, "
-            "both times are the same. The thinning is that of both masks, in between the looks.",
+            "Medians. B, H: 640x480, 5 MP: 2560x1920. Where a method does not tell its first pick before "
+            "the rest, both times are the same. The thinning is that of both masks, in between the looks.",
         ),
     )
-    totals = [sum(t for t in times if t == t) for times in zip(*(s.took_ms for s in speeds.stages), strict=True)]
+    totals = [
+        sum(t for t in times if t == t) for times in zip(*(s.took_ms for s in speeds.stages), strict=True)
+    ]
     stages = tables.Sheet(
         title="Stages of the default method",
         command=command,
@@ -242,7 +244,14 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
     starts = tables.Sheet(
         title="First look after a start",
         command=command,
-        headings=("process", "start and\nimports ms", "warm-up\nms", "first look\nms", "later looks\nms", "ratio"),
+        headings=(
+            "process",
+            "start and\nimports ms",
+            "warm-up\nms",
+            "first look\nms",
+            "later looks\nms",
+            "ratio",
+        ),
         rows=tuple(
             (
                 str(i),
@@ -255,8 +264,8 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
             for i, one in enumerate(speeds.starts, start=1)
         ),
         notes=(
-            "Fresh processes with compiled code on disk; H20, default method. Goal: the first look takes at most "
-            f"{FIRST_LOOK_GOAL:g} times the median of later ones.",
+            "Fresh processes with compiled code on disk; H20, default method. Goal: the first look takes at "
+            f"most {FIRST_LOOK_GOAL:g} times the median of later ones.",
         ),
     )
     return sizes, stages, starts

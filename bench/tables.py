@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
@@ -48,15 +49,21 @@ def _figures(cell: str) -> bool:
     return not any(letter.isalpha() for letter in cell)
 
 
-def page(sheet: Sheet) -> str:
-    """The same as a section in Markdown."""
+def page(sheet: Sheet, told: Container[str] = ()) -> str:
+    """The same as a section in Markdown, without the notes that were told before."""
     lines = [f"## {sheet.title}", "", f"`{sheet.command}`", ""]
-    lines.append("| " + " | ".join(heading.replace("\n", " ") for heading in sheet.headings) + " |")
-    lines.append("|" + "---|" * len(sheet.headings))
-    lines += ["| " + " | ".join(row) + " |" for row in sheet.rows]
+    lines.append("| " + " | ".join(_inline(heading) for heading in sheet.headings) + " |")
+    right = [all(_figures(row[i]) for row in sheet.rows) for i in range(len(sheet.headings))]
+    lines.append("|" + "".join("---:|" if one else "---|" for one in right))
+    lines += ["| " + " | ".join(_inline(cell) for cell in row) + " |" for row in sheet.rows]
     for note in sheet.notes:
-        lines += ["", note]
+        if note not in told:
+            lines += ["", note]
     return "\n".join(lines) + "\n"
+
+
+def _inline(cell: str) -> str:
+    return cell.replace("\n", " ").strip().replace("|", "\\|")
 
 
 def percent(share: float) -> str:

@@ -1,0 +1,65 @@
+"""What a measurement was taken on: processor, load, versions, day, state of the code."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mahotas", "skan", "sknw")
+
+
+def processor() -> str:
+    """The processor's name as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def load() -> str:
+    """Load averages of 1, 5 and 15 minutes; above the number of cores, times mean little."""
+    return " / ".join(f"{value:.1f}" for value in os.getloadavg())
+
+
+def version(library: str) -> str:
+    """Of an installed distribution, or ``-``."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "-"
+
+
+def code() -> str:
+    """The commit that was measured, and whether files differ from it."""
+    root = Path(__file__).parents[1]
+
+    def git(*words: str) -> str:
+        return subprocess.run(
+            ["git", *words], cwd=root, check=True, capture_output=True, text=True, timeout=20
+        ).stdout.strip()
+
+    try:
+        changed = git(
+            "status", "--porcelain", "--untracked-files=no", "--", "vision", "bench", "cell", "drivers"
+        )
+        return git("rev-parse", "--short=10", "HEAD") + (" with changes" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+
+
+def facts(load_before: str) -> tuple[tuple[str, str], ...]:
+    """Pairs of what and which."""
+    return (
+        ("day", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
+        ("code", code()),
+        ("processor", f"{processor()}, {len(os.sched_getaffinity(0))} cores for us of {os.cpu_count()}"),
+        ("load before / after (1, 5, 15 minutes)", f"{load_before} before, {load()} after"),
+        ("Python", platform.python_version()),
+        *((library, version(library)) for library in LIBRARIES),
+    )
