@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from bench.looks import Look, median_of
 from bench.scoring import EXPECTED_INSIDE, SIGMAS, Summary, summary
 from bench.tables import milliseconds, number, percent, spread
@@ -33,7 +35,8 @@ NOTES = (
     "rec. (recall): of parts seen to at least a half in both pictures; pick.: of those with a free central "
     "third; prec. (precision): right ones of all that were found; first: the first pick is right and "
     "pickable; free: it is offered, right, and nothing at all lies on it; over: of two found parts, one over "
-    "the middle of the other, the upper one is ranked first. Right: middle within 5 mm across and 8 mm along "
+    "the middle of the other, the upper one is ranked first / of all of which one lies over the other, the "
+    "detector says so (where it says anything). Right: middle within 5 mm across and 8 mm along "
     "the sight, axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
     "middle, end, axis: median/95th percentile of right ones. in 2σ: share of errors inside twice the stated "
     f"sigma (an honest detector has {EXPECTED_INSIDE:.0%} inside {SIGMAS:g}); - where none is stated. ms: "
@@ -65,11 +68,11 @@ def cells(one: Row) -> tuple[str, ...]:
         percent(total.precision),
         percent(total.first),
         percent(total.free),
-        percent(total.ranked if total.told != total.told else total.told),
+        percent(total.ranked) + ("" if np.isnan(total.told) else f"/{percent(total.told)}"),
         spread(total.middle_mm),
         spread(total.end_mm, 1),
         spread(total.axis_deg),
-        "-" if total.inside_m != total.inside_m else f"{percent(total.inside_m)}/{percent(total.inside_rad)}",
+        "-" if np.isnan(total.inside_m) else f"{percent(total.inside_m)}/{percent(total.inside_rad)}",
         milliseconds(one.first_ms),
         milliseconds(one.whole_ms),
         number(one.ratio, 1),

@@ -28,15 +28,15 @@ FIRST = "first"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Look:
-    """One look: the answer, its score, and medians of its times and of a known thinning on the same masks.
+    """One look at one case: its score, and medians of its times and of a known thinning on the same masks.
 
-    ``refused``: why the pictures were not looked at; then there is no scene, and nothing was found.
+    ``refused``: why the pictures were not looked at; then nothing was found.
     """
 
-    case: Case
-    scene: Scene | None
+    family: str
+    name: str
+    method: Method
     refused: str | None
-    answer: Answer
     score: LookScore
     first_ms: float
     whole_ms: float
@@ -115,10 +115,10 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
         nothing = Answer(found=(), segments=np.zeros((0, 2, 3)))
         unknown = float("nan")
         return Look(
-            case=case,
-            scene=None,
+            family=case.family,
+            name=case.name,
+            method=method,
             refused=refused,
-            answer=nothing,
             score=score(nothing, case.truth),
             first_ms=unknown,
             whole_ms=unknown,
@@ -131,13 +131,12 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
         firsts.append(first_ms)
         wholes.append(whole_ms)
         thinned.append(thinned_ms(scene))
-    answer = answer_of(scene)
     return Look(
-        case=case,
-        scene=scene,
+        family=case.family,
+        name=case.name,
+        method=method,
         refused=None,
-        answer=answer,
-        score=score(answer, case.truth),
+        score=score(answer_of(scene), case.truth),
         first_ms=statistics.median(firsts),
         whole_ms=statistics.median(wholes),
         skeletonize_ms=statistics.median(thinned),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 import tempfile
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -42,12 +43,16 @@ def fresh_seed() -> int:
 
 @lru_cache(maxsize=64)
 def cases(family: str, count: int, seed: int, rig: str = "webcam") -> tuple[Case, ...]:
+    """The first ``count`` scenes of `stream`, kept for the next who asks."""
+    return tuple(stream(family, count, seed, rig))
+
+
+def stream(family: str, count: int, seed: int, rig: str = "webcam") -> Iterator[Case]:
     """``count`` scenes of a family (`bench.families`); every seed gives other ones."""
     camera = RIGS[rig]
     known = rigs.known(camera)
     if known.table is None:
         raise ValueError(f"{camera.name}: its calibration has no table")
-    found = []
     for number in range(count):
         scene = piles.draw(family, camera, piles.scene_rng(seed, family, camera, number))
         told = json.loads(piles.truth_text(scene, f"{family}-{number + 1}", family, seed))
@@ -56,28 +61,25 @@ def cases(family: str, count: int, seed: int, rig: str = "webcam") -> tuple[Case
         shows = [
             np.where(view.owner >= BLOCK_OWNER, 0, view.owner + 1).astype(np.int32) for view in scene.views
         ]
-        found.append(
-            Case(
-                family=family,
-                name=told["scene"],
-                left=left,
-                right=right,
-                stereo=known.stereo,
-                table=known.table,
-                part=PartModel(
-                    code=1,
-                    name="stick",
-                    length_m=wish.length_m,
-                    length_tolerance_m=0.0,
-                    diameter_m=wish.diameter_m,
-                ),
-                width_m=wish.diameter_m,
-                truth=truth_from(told, "stick"),
-                shows=(shows[0], shows[1]),
-                walled=False,
-            )
+        yield Case(
+            family=family,
+            name=told["scene"],
+            left=left,
+            right=right,
+            stereo=known.stereo,
+            table=known.table,
+            part=PartModel(
+                code=1,
+                name="stick",
+                length_m=wish.length_m,
+                length_tolerance_m=0.0,
+                diameter_m=wish.diameter_m,
+            ),
+            width_m=wish.diameter_m,
+            truth=truth_from(told, "stick"),
+            shows=(shows[0], shows[1]),
+            walled=False,
         )
-    return tuple(found)
 
 
 def _grey(view: View) -> Grey:

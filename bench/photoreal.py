@@ -32,13 +32,13 @@ def measure(folder: Path, only: tuple[str, ...] = (), repeats: int = 1) -> dict[
 def rows(looks: dict[str, list[Look]]) -> tuple[accuracy.Row, ...]:
     """One row a family and method, then one for all that have something to pick."""
     found = []
-    for family in sorted({one.case.family for one in looks["default"]}, key=accuracy.by_size):
+    for family in sorted({one.family for one in looks["default"]}, key=accuracy.by_size):
         for method in METHODS:
-            here = [one for one in looks[method] if one.case.family == family]
-            if not all(one.case.truth.negative for one in here):
+            here = [one for one in looks[method] if one.family == family]
+            if not all(one.score.negative for one in here):
                 found.append(accuracy.row(family, method, here))
     for method in METHODS:
-        positive = [one for one in looks[method] if not one.case.truth.negative]
+        positive = [one for one in looks[method] if not one.score.negative]
         found.append(accuracy.row("all", method, positive))
     return tuple(found)
 
@@ -47,11 +47,11 @@ def sheet(looks: dict[str, list[Look]], command: str) -> tables.Sheet:
     """The table."""
     negatives = []
     for method in METHODS:
-        empty = [one for one in looks[method] if one.case.truth.negative]
+        empty = [one for one in looks[method] if one.score.negative]
         false = sum(one.score.found for one in empty)
-        where = ", ".join(f"{one.case.name} {one.score.found}" for one in empty if one.score.found)
+        where = ", ".join(f"{one.name} {one.score.found}" for one in empty if one.score.found)
         negatives.append(f"{method} {false}" + (f" ({where})" if where else ""))
-    count = sum(one.case.truth.negative for one in looks["default"])
+    count = sum(one.score.negative for one in looks["default"])
     return tables.Sheet(
         title=f"Photorealistic scenes ({len(looks['default'])})",
         command=command,

@@ -67,11 +67,13 @@ def _inline(cell: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share of 1 as a percentage: whole, with a tenth where rounding would hide what is missing."""
+    """A share of 1 as a percentage: whole, with decimals where rounding would hide what is missing."""
     if math.isnan(share):
         return "-"
     value = 100.0 * share
-    return f"{value:.1f}" if 99.0 <= value < 100.0 else f"{value:.0f}"
+    if not 99.0 <= value < 100.0:
+        return f"{value:.0f}"
+    return f"{value:.1f}" if value < 99.9 else f"{min(value, 99.99):.2f}"
 
 
 def number(value: float, digits: int = 2) -> str:
