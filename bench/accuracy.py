@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,9 @@ class Row:
     whole_ms: float
     ratio: float
 
+
+MOST_NAMED = 12
+"""Scenes a note names."""
 
 HEADINGS = (
     *("scenes", "method", "rec.\n%", "pick.\n%", "prec.\n%", "first\n%", "free\n%", "over\n%"),
@@ -84,3 +87,38 @@ def by_size(family: str) -> tuple[str, int]:
     letters = re.match(r"\D*", family)
     digits = re.search(r"\d+", family)
     return (letters.group() if letters else "", int(digits.group()) if digits else 0)
+
+
+def rows(looks: Sequence[Look]) -> tuple[Row, ...]:
+    """A row a family and method, then one a method for all; scenes with nothing to pick are left out."""
+    some = [one for one in looks if not one.score.negative]
+    names = sorted({one.family for one in some}, key=by_size)
+    methods = list(dict.fromkeys(one.method for one in some))
+    found = [
+        row(name, method, [one for one in some if one.family == name and one.method == method])
+        for name in names
+        for method in methods
+    ]
+    if len(names) > 1:
+        found += [row("all", method, [one for one in some if one.method == method]) for method in methods]
+    return tuple(found)
+
+
+def false_picks(looks: Sequence[Look]) -> tuple[str, ...]:
+    """What was found where there is nothing to pick, as a note; none without such scenes."""
+    empty = [one for one in looks if one.score.negative]
+    told = []
+    for method in dict.fromkeys(one.method for one in empty):
+        here = [one for one in empty if one.method == method]
+        false = [one for one in here if one.score.found]
+        where = ", ".join(f"{one.name} {one.score.found}" for one in false)
+        count = sum(one.score.found for one in false)
+        told.append(f"{method} {count} in {len(here)} scenes" + (f" ({where})" if where else ""))
+    return (f"False picks where there is nothing to pick: {'; '.join(told)}.",) if told else ()
+
+
+def wrong_firsts(looks: Sequence[Look], method: Method) -> str:
+    """Where the first pick of a method is wrong or covered, as a note."""
+    wrong = [one.name for one in looks if one.method == method and one.score.free is False]
+    more = f" and {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
+    return f"First pick of {method} not right and free: {', '.join(wrong[:MOST_NAMED]) or 'nowhere'}{more}."

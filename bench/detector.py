@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from bench import accuracy, own, tables
+from bench import accuracy, goals, own, tables
 from bench.families import FAMILIES
 from bench.looks import METHODS, Look, look
 from bench.rigs import RIGS
@@ -32,7 +32,6 @@ class Wish:
 
 
 USUAL = Wish(seed=0)
-MOST_NAMED = 12
 
 
 def measure(wish: Wish) -> tuple[Look, ...]:
@@ -50,24 +49,15 @@ def measure(wish: Wish) -> tuple[Look, ...]:
 
 def sheet(looks: tuple[Look, ...], wish: Wish) -> tables.Sheet:
     """The table."""
-    rows = [
-        accuracy.row(family, method, [one for one in looks if one.family == family and one.method == method])
-        for family in wish.families
-        for method in wish.methods
-    ]
-    wrong = [one.name for one in looks if one.method == "default" and one.score.free is False]
-    more = f" and {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
     return tables.Sheet(
         title=f"Fresh scenes of our own renderer, {RIGS[wish.rig].name}, seed {wish.seed}",
         command=f"python -m bench.detector --seed {wish.seed} --scenes {wish.scenes} --rig {wish.rig}",
         headings=accuracy.HEADINGS,
-        rows=tuple(accuracy.cells(one) for one in rows),
+        rows=tuple(accuracy.cells(one) for one in accuracy.rows(looks)),
         notes=(
             "A spread; B five over one another; H10, H20, H40: heaps of so many, as dense as physical ones.",
-            "Default method, first pick wrong or covered in: "
-            + (", ".join(wrong[:MOST_NAMED]) or "none")
-            + more
-            + ".",
+            *accuracy.false_picks(looks),
+            accuracy.wrong_firsts(looks, "default"),
             *accuracy.NOTES,
         ),
     )
@@ -93,7 +83,9 @@ def main() -> None:
         repeats=options.repeats,
         methods=tuple(options.methods),
     )
-    tables.show(sheet(measure(wish), wish))
+    looks = measure(wish)
+    tables.show(goals.sheet("Goals, own scenes:", looks, "python -m bench.detector"))
+    tables.show(sheet(looks, wish))
 
 
 if __name__ == "__main__":

@@ -222,8 +222,8 @@ def cases_of(scenes: Path | None, seed: int) -> tuple[tuple[Case, ...], tuple[st
     here = [family for family in FAMILIES if family in OWN_FAMILIES]
     away = [family for family in FAMILIES if family not in OWN_FAMILIES]
     return tuple(case for family in here for case in own.cases(family, OWN_SCENES, seed)), (
-        f"{', '.join(away)} NOT RUN: our renderer does not make them (C transparent, D and E plates). Own "
-        f"scenes, seed {seed}; with photorealistic ones: --scenes SCENES.",
+        f"{', '.join(away)} NOT RUN: our renderer does not make them. Own scenes, seed "
+        f"{seed}; with photorealistic ones: --scenes SCENES.",
     )
 
 

@@ -14,7 +14,7 @@ from cell.evaluate import EPIPOLAR_WIDTHS, SPUR_WIDTHS, STICK_TOLERANCE_M
 from drivers.timing import MonotonicClock
 from vision.locate import locate
 from vision.quality import assess
-from vision.types import Method, Scene, Tuning
+from vision.types import Candidate, Method, Scene, Tuning
 
 METHODS: tuple[Method, ...] = ("published", "default")
 TRAY_HEIGHT_M = (-0.003, 0.045)
@@ -49,15 +49,17 @@ class Look:
 
 
 class FirstTold:
-    """An observer that notes when the first pick was told."""
+    """An observer that notes when the first pick was told, and which."""
 
     def __init__(self, clock: MonotonicClock) -> None:
         self._clock = clock
         self.at_s: float | None = None
+        self.pick: Candidate | None = None
 
-    def __call__(self, stage: str, product: object) -> None:  # noqa: ARG002 - an observer's signature
-        if stage == FIRST:
+    def __call__(self, stage: str, product: object) -> None:
+        if stage == FIRST and isinstance(product, Candidate):
             self.at_s = self._clock.now()
+            self.pick = product
 
 
 def tuning_for(case: Case, method: Method) -> Tuning:
@@ -74,8 +76,19 @@ def tuning_for(case: Case, method: Method) -> Tuning:
     return replace(tuning, height_m=TRAY_HEIGHT_M, band=PAPER_BAND if method == "published" else None)
 
 
-def see(case: Case, method: Method) -> tuple[Scene, float, float]:
-    """One look: scene, ms until its first pick was told, ms until it ended."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """One run of a detector. ``told``: its first pick, if it told that before the rest; ms until then and to
+    the end."""
+
+    scene: Scene
+    told: Candidate | None
+    first_ms: float
+    whole_ms: float
+
+
+def see(case: Case, method: Method) -> Seen:
+    """Run a method once."""
     part = case.part
     if part.topology is None:
         part = replace(part, length_tolerance_m=STICK_TOLERANCE_M[method])
@@ -86,7 +99,7 @@ def see(case: Case, method: Method) -> tuple[Scene, float, float]:
     scene = locate(case.left, case.right, case.stereo, part, tuning, case.table, told)
     whole_s = clock.now() - began_at
     first_s = whole_s if told.at_s is None else told.at_s - began_at
-    return scene, 1000.0 * first_s, 1000.0 * whole_s
+    return Seen(scene=scene, told=told.pick, first_ms=1000.0 * first_s, whole_ms=1000.0 * whole_s)
 
 
 def thinned_ms(scene: Scene) -> float:
@@ -124,21 +137,18 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
             whole_ms=unknown,
             skeletonize_ms=unknown,
         )
-    scene, first_ms, whole_ms = see(case, method)
-    firsts, wholes, thinned = [first_ms], [whole_ms], [thinned_ms(scene)]
-    for _ in range(repeats - 1):
-        scene, first_ms, whole_ms = see(case, method)
-        firsts.append(first_ms)
-        wholes.append(whole_ms)
-        thinned.append(thinned_ms(scene))
+    seen, thinned = [], []
+    for _ in range(max(1, repeats)):
+        seen.append(see(case, method))
+        thinned.append(thinned_ms(seen[-1].scene))
     return Look(
         family=case.family,
         name=case.name,
         method=method,
         refused=None,
-        score=score(answer_of(scene), case.truth),
-        first_ms=statistics.median(firsts),
-        whole_ms=statistics.median(wholes),
+        score=score(answer_of(seen[-1].scene, seen[-1].told), case.truth),
+        first_ms=statistics.median(one.first_ms for one in seen),
+        whole_ms=statistics.median(one.whole_ms for one in seen),
         skeletonize_ms=statistics.median(thinned),
     )
 

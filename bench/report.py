@@ -15,6 +15,7 @@ from pathlib import Path
 
 from bench import (
     detector,
+    goals,
     keypoints,
     machine,
     own,
@@ -88,10 +89,16 @@ EFFORTS = {
 def sheets(effort: Effort, seed: int, scenes: Path | None) -> Iterator[tables.Sheet]:
     """All tables, one after another."""
     if scenes is not None:
-        yield photoreal.sheet(photoreal.measure(scenes), "python -m bench.photoreal SCENES")
+        command = "python -m bench.photoreal SCENES"
+        seen = photoreal.measure(scenes)
+        yield goals.sheet("Goals, photorealistic scenes:", seen, command)
+        yield photoreal.sheet(seen, command)
     for rig in effort.rigs:
         wish = detector.Wish(seed=seed, scenes=effort.scenes, families=effort.families, rig=rig)
-        yield detector.sheet(detector.measure(wish), wish)
+        looks = detector.measure(wish)
+        made = detector.sheet(looks, wish)
+        yield goals.sheet(f"Goals, own scenes ({rig}):", looks, made.command)
+        yield made
     wanted = robustness.Wish(seed=seed, scenes=effort.robustness_scenes, family=effort.dense)
     yield robustness.sheet(robustness.measure(wanted), wanted)
     cases, left_out = keypoints.cases_of(scenes, seed)

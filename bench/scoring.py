@@ -98,11 +98,13 @@ class Answer:
 
     ``over``: pairs of indices into ``found``, the first lies on the second; None: it does not say.
     ``segments`` (S, 2, 3) m: what it took for parts before it chose; the parts themselves when empty.
+    ``told``: the pick it told before it knew the rest; None: the first of ``found``.
     """
 
     found: tuple[Found, ...]
     segments: Floats
     over: tuple[tuple[int, int], ...] | None = None
+    told: Found | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,11 +213,14 @@ def score(answer: Answer, truth: Truth) -> LookScore:
     asked = {j for j, part in enumerate(parts) if part.asked}
     pickable = {j for j in asked if parts[j].pickable}
     offered = [i for i, one in enumerate(answer.found) if one.offered]
+    picks = (which.get(0), which.get(offered[0]) if offered else None)
+    if answer.told is not None:
+        picks = (assign((answer.told,), parts).get(0, (None,))[0],) * 2
     first = free = None
     if pickable:
-        first = 0 in which and parts[which[0]].pickable
+        first = picks[0] is not None and parts[picks[0]].pickable
     if any(parts[j].free for j in asked):
-        free = bool(offered) and offered[0] in which and parts[which[offered[0]]].free
+        free = picks[1] is not None and parts[picks[1]].free
     place = {j: i for i, j in which.items()}
     both = [c for c in truth.crossings if c.above in place and c.below in place]
     ranks = [c for c in both if not parts[c.below].pickable and 1 / 3 < c.at < 2 / 3]
@@ -367,11 +372,15 @@ def _inside(pairs: list[tuple[float, float]]) -> float:
 # ---------------------------------------------------------------------- from the detector's own records
 
 
-def answer_of(scene: Scene) -> Answer:
-    """The detector's answer: what it offers, then what it recognised and would not pick now."""
+def answer_of(scene: Scene, told: Candidate | None = None) -> Answer:
+    """The detector's answer: what it offers, then what it recognised and would not pick now.
+
+    ``told``: the first pick, if it was told before the rest.
+    """
     return Answer(
         found=tuple(found_of(candidate) for candidate in scene.recognised),
         segments=np.stack([scene.segments.start, scene.segments.end], axis=1),
+        told=None if told is None else found_of(told),
     )
 
 

@@ -157,7 +157,7 @@ def one_start(seed: int) -> str:
     warm_up()
     warm_up_ms = 1000.0 * (clock.now() - began_at)
     (case,) = own.cases("H20", 1, seed)
-    took = [see(case, "default")[2] for _ in range(1 + LATER_LOOKS)]
+    took = [see(case, "default").whole_ms for _ in range(1 + LATER_LOOKS)]
     with open("/proc/self/stat", encoding="utf-8") as stat, open("/proc/uptime", encoding="utf-8") as uptime:
         ticks = int(stat.read().rsplit(")", 1)[1].split()[19])
         age_s = float(uptime.read().split()[0]) - ticks / os.sysconf("SC_CLK_TCK")

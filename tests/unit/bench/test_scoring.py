@@ -111,6 +111,14 @@ def test_the_first_pick_is_the_first_that_is_offered() -> None:
     assert score(answer(), TRUTH).free is False
 
 
+def test_a_pick_told_early_is_judged_and_not_the_one_that_came_first_later() -> None:
+    later = answer(found(UPPER), found(LOWER))
+
+    assert score(replace(later, told=found(UPPER)), TRUTH).free is True
+    assert score(replace(later, told=found(LOWER)), TRUTH).free is False
+    assert score(replace(later, told=found(UPPER, (0.02, 0, 0))), TRUTH).first is False
+
+
 def test_a_part_touched_near_its_end_is_pickable_and_not_free() -> None:
     touched = part(0.0, 0.0, free=False)
     got = score(answer(found(touched)), Truth(parts=(touched, UPPER)))
