@@ -1,9 +1,10 @@
 """Dense heaps: rods of any length and width dropped on one another, each in its lowest stable pose.
 
-The rule is that of `drivers.sim.piles` (lowest centre such that the axis passes above every obstacle; roll and
-slide off flanks too steep for friction), with three additions: every rod has its own size, a rod may also turn
-in plan to slip off its neighbours, and blocks can stand on the table. It is compiled, because a bench wants
-thousands of heaps; only the part of a rod that can touch another one is looked at. Base frame, metres, z up.
+The rule is that of `drivers.sim.piles` (lowest centre such that the axis passes above every obstacle; roll
+and slide off flanks too steep for friction). Here every rod has its own size, may also turn in plan to slip
+off its neighbours, and is thrown more than once; blocks can stand on the table. It is compiled, because a
+bench wants thousands of heaps; only the part of a rod that can touch another is looked at. Base frame,
+metres, z up.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.jit import compiled
-from vision.types import Floats, read_only
+from vision.types import Floats, Ints, read_only
 
 COARSE_M = 0.001
 FINE_M = 0.00025
@@ -21,7 +22,7 @@ FINE_M = 0.00025
 ROLL_M = 0.0006
 SLIDE_M = 0.002
 TURN_RAD = 0.012
-FRICTION = 0.15
+FRICTION = 0.2
 """A rod moves while a step lowers its centre by more than this share of the step."""
 MOVES = 60
 """Most steps a rod takes before it lies still."""
@@ -161,7 +162,7 @@ def _places(half: float, spacing: float) -> Floats:
 
 
 @compiled
-def _lowest(at: Floats, height: Floats, hull: np.ndarray) -> tuple[float, float]:  # type: ignore[type-arg]
+def _lowest(at: Floats, height: Floats, hull: Ints) -> tuple[float, float]:
     """The line above all points that is lowest at 0: the edge of their upper hull that spans 0.
 
     ``hull`` is room for as many indices as there are points. Returns value at 0 and slope.
@@ -217,7 +218,6 @@ def _settle(
     blocks: Floats,
     floor_z: float,
     moves: int,
-    friction: float,
     out: Floats,
 ) -> None:
     """Settle one rod; ``out`` (6,) gets centre and axis."""
@@ -243,7 +243,7 @@ def _settle(
                 trial[2] += sign * TURN_RAD
                 cost = 0.25 * length * TURN_RAD
             h, s = _rest(trial, length, radius, tubes, radii, blocks, floor_z)
-            won = height - h - friction * cost
+            won = height - h - FRICTION * cost
             if won > gain:
                 gain, best_height, best_slope = won, h, s
                 best[:] = trial
@@ -264,20 +264,22 @@ def _settle(
 
 
 def settle(
-    poses: Floats,
+    throws: Floats,
     lengths: Floats,
     radii: Floats,
     floor_z: float,
     *,
     blocks: tuple[Block, ...] = (),
     moves: int = MOVES,
-    friction: float = FRICTION,
 ) -> tuple[Floats, Floats]:
     """Drop rods one after another and let each settle over those before it.
 
+    Of several throws of a rod the one whose higher end comes to lie lowest is kept: rods that fall from a
+    height run down from the top, which rods that only settle do not.
+
     Parameters
     ----------
-    poses : (N, 3) float
+    throws : (N, K, 3) float
         x, y m and heading rad at which each is dropped; it may roll, slide and turn away from there.
     lengths, radii : (N,) float
         Metres.
@@ -291,22 +293,28 @@ def settle(
     centres, axes : (N, 3) float
         Metres; unit.
     """
-    count = len(poses)
+    count = len(throws)
     tubes, placed = np.empty((count, 7)), np.empty((count, 6))
     obstacles = blocks_array(blocks)
+    found = np.empty(6)
     for n in range(count):
-        _settle(
-            np.asarray(poses[n], np.float64),
-            float(lengths[n]),
-            float(radii[n]),
-            tubes[:n],
-            radii[:n],
-            obstacles,
-            floor_z,
-            moves if n or len(obstacles) else 0,
-            friction,
-            placed[n],
-        )
+        lowest = np.inf
+        for pose in np.ascontiguousarray(throws[n], np.float64):
+            _settle(
+                pose,
+                float(lengths[n]),
+                float(radii[n]),
+                tubes[:n],
+                radii[:n],
+                obstacles,
+                floor_z,
+                moves if n or len(obstacles) else 0,
+                found,
+            )
+            top = found[2] + 0.5 * lengths[n] * abs(found[5])
+            if top < lowest:
+                lowest = top
+                placed[n] = found
         tubes[n, :3] = placed[n, :3] - 0.5 * lengths[n] * placed[n, 3:]
         tubes[n, 3:6], tubes[n, 6] = placed[n, 3:], lengths[n]
     return read_only(placed[:, :3].copy()), read_only(placed[:, 3:].copy())

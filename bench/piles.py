@@ -2,9 +2,9 @@
 
 ``python -m bench.piles --out DIR [--family H10 H20 H40] [--count 5] [--rig webcam] [--seed 7]``
 
-DIR gets ``rigs/<rig>.json`` and ``scenes/<scene>/`` with both pictures, the request, the truth and who is seen at
-which pixel: what `mikado evaluate` reads and what a scoring program needs. Millimetres. Without a seed every run
-makes scenes that never were before; the seed is printed.
+DIR gets ``rigs/<rig>.json`` and ``scenes/<scene>/`` with both pictures, the request, the truth and who is
+seen at which pixel: what `mikado evaluate` reads and what a scoring program needs. Millimetres. Without a
+seed every run makes scenes that never were before; the seed is printed.
 """
 
 from __future__ import annotations
@@ -13,17 +13,15 @@ import argparse
 import json
 import secrets
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from bench.families import FAMILIES, Scenery, scenery
-from bench.picture import BLOCK_OWNER
+from bench.families import FAMILIES, scenery
+from bench.meet import BLOCK_OWNER
 from bench.rigs import RIGS, TABLE_Z_M, Rig, rays, rig_text
-from bench.truth import Truth, truth_of
-from bench.views import View, photograph
+from bench.shots import Shot, shoot
 from drivers.sim.geometry import apply
 from vision.types import Floats
 
@@ -31,29 +29,15 @@ MM = 1000.0
 THRESHOLD_HINT = (186, 255)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
-    """One scene with its pictures and its truth."""
-
-    rig: Rig
-    scenery: Scenery
-    views: tuple[View, View]
-    truth: Truth
-
-
 def scene_rng(seed: int, family: str, rig: Rig, number: int) -> np.random.Generator:
     """The random numbers of one scene: the same for the same words, unlike those of every other one."""
     return np.random.default_rng([seed, *f"{family} {rig.name}".encode(), number])
 
 
-def draw(family: str, rig: Rig, rng: np.random.Generator) -> Scene:
-    """Set up a scene, photograph it and say what is true of it."""
-    setting = scenery(family, rig, rng)
-    views = photograph(setting.rods, setting.blocks, rig, setting.look, rng)
-    left = rays("industrial" if rig.mono else "webcam")[0][0]
-    return Scene(
-        rig=rig, scenery=setting, views=views, truth=truth_of(setting.rods, views, left.base_from_camera)
-    )
+def draw(family: str, rig: Rig, seed: int, number: int) -> Shot:
+    """Scene ``number`` of a family, of a set with this seed."""
+    rng = scene_rng(seed, family, rig, number)
+    return shoot(scenery(family, rig, rng, number), rig, rng)
 
 
 def _mm(points_m: Floats) -> list[float]:
@@ -61,7 +45,7 @@ def _mm(points_m: Floats) -> list[float]:
     return told
 
 
-def request_of(scene: Scene) -> dict[str, object]:
+def request_of(scene: Shot) -> dict[str, object]:
     """The request as the scene's file says it."""
     wish = scene.scenery.wish
     request: dict[str, object] = {
@@ -75,11 +59,11 @@ def request_of(scene: Scene) -> dict[str, object]:
     return request
 
 
-def objects_of(scene: Scene) -> list[dict[str, object]]:
+def objects_of(scene: Shot) -> list[dict[str, object]]:
     """The objects as the truth file says them."""
     truth, rods = scene.truth, scene.scenery.rods
     left, right = (view.ends_px for view in scene.views)
-    base_from_left = rays("industrial" if scene.rig.mono else "webcam")[0][0].base_from_camera
+    base_from_left = rays(scene.rig.name)[0][0].base_from_camera
     found: list[dict[str, object]] = []
     for n, rod in enumerate(rods):
         ends_base = apply(base_from_left, truth.ends[n])
@@ -126,9 +110,9 @@ def objects_of(scene: Scene) -> list[dict[str, object]]:
     return found
 
 
-def truth_text(scene: Scene, name: str, family: str, seed: int) -> str:
+def truth_text(scene: Shot, name: str, family: str, seed: int) -> str:
     """The truth file."""
-    base_from_left = rays("industrial" if scene.rig.mono else "webcam")[0][0].base_from_camera
+    base_from_left = rays(scene.rig.name)[0][0].base_from_camera
     content = {
         "scene": name,
         "family": family,
@@ -160,7 +144,7 @@ def write_rig(out: Path, rig: Rig) -> None:
     (out / "rigs" / f"{rig.name}.json").write_text(rig_text(rig), encoding="utf-8")
 
 
-def write_scene(out: Path, name: str, scene: Scene, family: str, seed: int) -> None:
+def write_scene(out: Path, name: str, scene: Shot, family: str, seed: int) -> None:
     """One scene's folder."""
     folder = out / "scenes" / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -192,8 +176,9 @@ def main() -> None:
     for family in options.family:
         density, count = 0.0, options.count
         for number in range(count):
-            scene = draw(family, rig, scene_rng(seed, family, rig, number))
-            write_scene(options.out, f"{family}-{number + 1}{ending}", scene, family, seed)
+            scene = draw(family, rig, seed, number)
+            kind = f"-{scene.scenery.note}" if scene.scenery.note else ""
+            write_scene(options.out, f"{family}{kind}-{number + 1}{ending}", scene, family, seed)
             density += scene.truth.crossings_per_rod / count
         print(f"{family}: {count} scenes, {density:.1f} crossings per stick")
     print(f"seed {seed}, {time.perf_counter() - began:.1f} s, written to {options.out}")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.picture import FINE, Small
+from bench.meet import FINE, Small
 from cell import calibration
 from cell.calibration import Calibration
 from drivers.sim.layout import CameraLayout, CamerasLayout
@@ -88,12 +88,13 @@ INDUSTRIAL = Rig(
     ),
 )
 RIGS = {"webcam": WEBCAM, "industrial": INDUSTRIAL}
+"""By the word a command takes."""
 
 
 @cache
-def rays(name: str) -> tuple[tuple[Eye, Small], tuple[Eye, Small]]:
-    """Both eyes of a rig, each with the slopes (FH, FW, 2) of all rays of its pictures."""
-    rig = RIGS[name]
+def rays(rig_name: str) -> tuple[tuple[Eye, Small], tuple[Eye, Small]]:
+    """Both eyes of the rig of that name, each with the slopes (FH, FW, 2) of all rays of its pictures."""
+    rig = next(rig for rig in RIGS.values() if rig.name == rig_name)
     found = []
     for eye in eyes(rig.cameras):
         u, v = np.meshgrid(

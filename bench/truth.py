@@ -1,7 +1,7 @@
 """What is true of a heap: who lies on whom, what is free, what may be picked; and its crossings.
 
-"Over" is meant straight down on the table: two rods cross where their footprints meet, and the upper one there is
-the one whose axis is higher. Left camera frame where a field does not say otherwise; metres.
+"Over" is meant straight down on the table: two rods cross where their footprints meet, and the upper one
+there is the one whose axis is higher. Left camera frame where a field does not say otherwise; metres.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ class Crossing:
 class Truth:
     """All that is known of N rods.
 
-    ``ends`` (N, 2, 3); ``target`` (N,) whether it is what was asked for; ``visible`` (N, 2) seen share in the
-    left and the right picture; ``ends_visible`` (N, 2 pictures, 2 ends); ``in_frame`` (N, 2); ``pickable`` (N,)
-    nothing over the central third, ``free`` (N,) nothing over it at all.
+    ``ends`` (N, 2, 3); ``target`` (N,) whether it is what was asked for; ``visible`` (N, 2) seen share in
+    the left and the right picture; ``ends_visible`` (N, 2 pictures, 2 ends); ``in_frame`` (N, 2);
+    ``pickable`` (N,) nothing over the central third, ``free`` (N,) nothing over it at all. ``touching``
+    pairs of rods.
     """
 
     ends: Floats
@@ -80,6 +81,26 @@ def _nearest(a: Floats, b: Floats) -> tuple[float, float, float]:
     return best
 
 
+def _footprints_meet(a: Floats, b: Floats, a_radius_m: float, b_radius_m: float) -> bool:
+    """Whether the rectangles about two plan segments (2, 2) overlap: no line between them parts them."""
+    half, ways, reach = [], [], (a_radius_m, b_radius_m)
+    for line in (a, b):
+        span = line[1] - line[0]
+        length = float(np.linalg.norm(span))
+        ways.append(span / length)
+        half.append(0.5 * length)
+    apart = 0.5 * (b[0] + b[1] - a[0] - a[1])
+    for way in ways:
+        for axis in (way, np.array([-way[1], way[0]])):
+            width = sum(
+                h * abs(float(axis @ w)) + r * abs(float(axis[0] * w[1] - axis[1] * w[0]))
+                for h, w, r in zip(half, ways, reach, strict=True)
+            )
+            if abs(float(axis @ apart)) >= width:
+                return False
+    return True
+
+
 def truth_of(rods: tuple[Rod, ...], views: tuple[View, View], base_from_left: Floats) -> Truth:
     """The truth about rods that were photographed; ``base_from_left`` (4, 4)."""
     count = len(rods)
@@ -89,16 +110,16 @@ def truth_of(rods: tuple[Rod, ...], views: tuple[View, View], base_from_left: Fl
     pickable, free = np.ones(count, np.bool_), np.ones(count, np.bool_)
     for i in range(count):
         for j in range(i):
-            reach = rods[i].radius_m + rods[j].radius_m
-            s, t, away = _nearest(ends[i, :, :2], ends[j, :, :2])
-            if away >= reach:
+            radii = rods[i].radius_m, rods[j].radius_m
+            if not _footprints_meet(ends[i, :, :2], ends[j, :, :2], *radii):
                 continue
+            s, t, _ = _nearest(ends[i, :, :2], ends[j, :, :2])
             here, there = (
                 ends[i, 0] + s * (ends[i, 1] - ends[i, 0]),
                 ends[j, 0] + t * (ends[j, 1] - ends[j, 0]),
             )
             above, below, place = (i, j, t) if here[2] >= there[2] else (j, i, s)
-            gap_m = segment_distance(*ends[i], *ends[j]) - reach
+            gap_m = segment_distance(*ends[i], *ends[j]) - sum(radii)
             crossings.append(
                 Crossing(
                     above=above,
@@ -112,7 +133,7 @@ def truth_of(rods: tuple[Rod, ...], views: tuple[View, View], base_from_left: Fl
                 touching.append((j, i))
             free[below] = False
             third = ends[below, 0] + np.array([[1 / 3], [2 / 3]]) * (ends[below, 1] - ends[below, 0])
-            if _nearest(third[:, :2], ends[above, :, :2])[2] < reach:
+            if _footprints_meet(third[:, :2], ends[above, :, :2], rods[below].radius_m, rods[above].radius_m):
                 pickable[below] = False
     return Truth(
         ends=apply(left_from_base, ends),
