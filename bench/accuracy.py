@@ -43,7 +43,8 @@ NOTES = (
     "the sight, axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
     "middle, end, axis: median/95th percentile of right ones. in 2σ: share of errors inside twice the stated "
     f"sigma (an honest detector has {EXPECTED_INSIDE:.0%} inside {SIGMAS:g}); - where none is stated. ms: "
-    "one pair, files read. all/thin: that over skimage.morphology.skeletonize of the same two masks.",
+    "of processor time, one pair, files read. all/thin: that over skimage.morphology.skeletonize of the same "
+    "two masks.",
 )
 
 

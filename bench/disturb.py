@@ -1,16 +1,17 @@
-"""Worse pictures and a worse calibration of the same scene."""
+"""The disturbances of the robustness table: `bench.perturb`'s functions with sizes, on cases."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from bench import perturb
 from bench.cases import Case
-from vision.types import Floats, Grey, read_only
+from vision.types import Grey, read_only
 
+OnPicture = Callable[[Grey, np.random.Generator], Grey]
 Change = Callable[[Case, np.random.Generator], Case]
 
 
@@ -22,117 +23,65 @@ class Disturbance:
     apply: Change
 
 
-def _pictures(change: Callable[[Floats, np.random.Generator], Floats]) -> Change:
-    """Both pictures changed alike: the generator starts anew for the second, except for what is noise."""
+def _alike(name: str, change: OnPicture) -> Disturbance:
+    """Both pictures changed the same way: what is random starts anew for the second."""
 
     def apply(case: Case, rng: np.random.Generator) -> Case:
         seed = int(rng.integers(2**31))
-        left, right = (
-            _grey(change(grey.astype(np.float64), np.random.default_rng(seed)))
-            for grey in (case.left, case.right)
-        )
+        left, right = (change(grey, np.random.default_rng(seed)) for grey in (case.left, case.right))
         return case.changed(left, right)
 
-    return apply
+    return Disturbance(name=name, apply=apply)
 
 
-def _grey(values: Floats) -> Grey:
-    grey: Grey = np.clip(np.rint(values), 0, 255).astype(np.uint8)
-    return read_only(grey)
+def _apart(name: str, change: OnPicture) -> Disturbance:
+    """Each picture changed by itself: nothing in it could be matched."""
 
-
-def _noise(sigma: float) -> Change:
     def apply(case: Case, rng: np.random.Generator) -> Case:
-        left, right = (_grey(grey + rng.normal(0.0, sigma, grey.shape)) for grey in (case.left, case.right))
-        return case.changed(left, right)
+        return case.changed(change(case.left, rng), change(case.right, rng))
 
-    return apply
-
-
-def _blur(sigma_px: float) -> Change:
-    return _pictures(lambda grey, _: np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma_px), np.float64))
+    return Disturbance(name=name, apply=apply)
 
 
-def _offset(levels: float) -> Change:
-    return _pictures(lambda grey, _: grey + levels)
+def _rows(name: str, rows_px: float) -> Disturbance:
+    def apply(case: Case, _: np.random.Generator) -> Case:
+        return case.changed(case.left, case.right, perturb.rows_moved(case.stereo, rows_px))
+
+    return Disturbance(name=name, apply=apply)
 
 
-def _gain(factor: float) -> Change:
-    return _pictures(lambda grey, _: grey * factor)
+SHADOW = 0.5
+SHADOW_WIDTH = 0.24
+SHADOW_EDGE_PX = 2.0
+"""What a shadow takes of the light, its width as a share of the picture's, and how soft its edge is."""
 
 
-def _texture(levels: float) -> Change:
-    def apply(case: Case, rng: np.random.Generator) -> Case:
-        # blotches a few part widths wide, others in each view: nothing that could be matched
-        left, right = (
-            _grey(grey + levels * _blotches(grey.shape, 6.0, rng)) for grey in (case.left, case.right)
-        )
-        return case.changed(left, right)
-
-    return apply
-
-
-def _blotches(shape: tuple[int, ...], size_px: float, rng: np.random.Generator) -> Floats:
-    field = cv2.GaussianBlur(rng.normal(0.0, 1.0, shape), (0, 0), size_px)
-    return np.asarray(field / field.std(), np.float64)
-
-
-def _gradient(grey: Floats, rng: np.random.Generator) -> Floats:
-    """A third of the light on one side, a third more on the other."""
-    height, width = grey.shape
-    turn = rng.uniform(0.0, 2.0 * np.pi)
-    v, u = np.mgrid[:height, :width]
-    along = (u / width - 0.5) * np.cos(turn) + (v / height - 0.5) * np.sin(turn)
-    return np.asarray(grey * (0.83 + along * 1.0))
-
-
-def _shadow(grey: Floats, rng: np.random.Generator) -> Floats:
-    """Half of the light is taken from a band across the middle, with an edge of four pixels."""
-    height, width = grey.shape
+def shadowed(picture: Grey, rng: np.random.Generator) -> Grey:
+    """A straight shadow across the middle of the picture, at any angle."""
+    height, width = picture.shape
     turn = rng.uniform(0.0, np.pi)
     v, u = np.mgrid[:height, :width]
     across = (u - 0.5 * width) * np.cos(turn) + (v - 0.5 * height) * np.sin(turn)
-    inside = 1.0 / (1.0 + np.exp(-(0.12 * width - np.abs(across)) / 2.0))
-    return np.asarray(grey * (1.0 - 0.5 * inside))
-
-
-def _highlights(grey: Floats, rng: np.random.Generator) -> Floats:
-    """Six spots of glare that saturate the middle half of the picture here and there."""
-    height, width = grey.shape
-    v, u = np.mgrid[:height, :width]
-    lit = grey.copy()
-    for _ in range(6):
-        at_u, at_v = rng.uniform(0.25, 0.75) * width, rng.uniform(0.25, 0.75) * height
-        lit += 260.0 * np.exp(-0.5 * ((u - at_u) ** 2 + (v - at_v) ** 2) / 9.0**2)
-    return np.asarray(lit)
-
-
-def _rows(offset_px: float) -> Change:
-    """The right camera sits that many rows lower than its calibration says."""
-
-    def apply(case: Case, _: np.random.Generator) -> Case:
-        camera = case.stereo.right
-        matrix = camera.matrix.copy()
-        matrix[1, 2] += offset_px
-        right = replace(camera, matrix=read_only(matrix))
-        return case.changed(case.left, case.right, replace(case.stereo, right=right))
-
-    return apply
+    depth = (0.5 * SHADOW_WIDTH * width - np.abs(across)) / SHADOW_EDGE_PX
+    light = 1.0 - SHADOW / (1.0 + np.exp(-np.clip(depth, -50.0, 50.0)))
+    dark: Grey = np.rint(picture * light).astype(np.uint8)
+    return read_only(dark)
 
 
 DISTURBANCES = (
     Disturbance(name="as it is", apply=lambda case, _: case),
-    Disturbance(name="noise, sigma 6", apply=_noise(6.0)),
-    Disturbance(name="noise, sigma 12", apply=_noise(12.0)),
-    Disturbance(name="blur 1 px", apply=_blur(1.0)),
-    Disturbance(name="blur 1.5 px", apply=_blur(1.5)),
-    Disturbance(name="40 grey levels darker", apply=_offset(-40.0)),
-    Disturbance(name="40 grey levels brighter", apply=_offset(40.0)),
-    Disturbance(name="half the light", apply=_gain(0.5)),
-    Disturbance(name="texture, sigma 8", apply=_texture(8.0)),
-    Disturbance(name="gradient 0.33 to 1.33", apply=_pictures(_gradient)),
-    Disturbance(name="hard shadow, half the light", apply=_pictures(_shadow)),
-    Disturbance(name="six highlights", apply=_pictures(_highlights)),
-    Disturbance(name="rows off by 1 px", apply=_rows(1.0)),
-    Disturbance(name="rows off by 2 px", apply=_rows(2.0)),
+    _apart("noise, sigma 6", lambda grey, rng: perturb.noisy(grey, 6.0, rng)),
+    _apart("noise, sigma 12", lambda grey, rng: perturb.noisy(grey, 12.0, rng)),
+    _alike("blur 1 px", lambda grey, _: perturb.blurred(grey, 1.0)),
+    _alike("blur 1.5 px", lambda grey, _: perturb.blurred(grey, 1.5)),
+    _alike("40 grey levels darker", lambda grey, _: perturb.brighter(grey, -40.0)),
+    _alike("40 grey levels brighter", lambda grey, _: perturb.brighter(grey, 40.0)),
+    _alike("half the gain", lambda grey, _: perturb.gained(grey, 0.5)),
+    _alike("1.4 times the gain", lambda grey, _: perturb.gained(grey, 1.4)),
+    _apart("texture, sigma 8", lambda grey, rng: perturb.textured(grey, 8.0, rng)),
+    _alike("gradient 0.5 to 1.5", lambda grey, rng: perturb.gradient(grey, 0.5, rng.uniform(0.0, np.pi))),
+    _alike("hard shadow, half the light", shadowed),
+    _alike("twelve highlights", lambda grey, rng: perturb.highlights(grey, 12, 200.0, 9.0, rng)),
+    _rows("rows off by 1 px", 1.0),
+    _rows("rows off by 2 px", 2.0),
 )

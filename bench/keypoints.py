@@ -28,9 +28,9 @@ from bench.accuracy import by_size
 from bench.cases import Case, of_folder
 from bench.families import FAMILIES as OWN_FAMILIES
 from bench.looks import METHODS, look
+from bench.machine import worked_ms
 from bench.outlines import project
 from bench.scoring import share
-from drivers.timing import MonotonicClock
 from vision.default import warm_up
 from vision.types import Floats, Grey
 
@@ -166,14 +166,14 @@ def judge(left: Floats, right: Floats, case: Case) -> tuple[int, int, set[int]]:
 
 def keypoint_row(family: str, peer: Peer, cases: list[Case]) -> Row:
     """A keypoint method on one family."""
-    clock, took = MonotonicClock(), []
+    took = []
     begun = right = had = asked = 0
     for case in cases:
-        started_at = clock.now()
+        began_ms = worked_ms()
         left_points, left_described = peer.extract(case.left)
         right_points, right_described = peer.extract(case.right)
         pairs = matched(left_described, right_described, peer.norm)
-        took.append(1000.0 * (clock.now() - started_at))
+        took.append(worked_ms() - began_ms)
         some, good, parts = judge(left_points[pairs[:, 0]], right_points[pairs[:, 1]], case)
         begun, right = begun + some, right + good
         targets = {j for j, one in enumerate(case.truth.parts, start=1) if one.asked}
@@ -249,8 +249,8 @@ def sheet(rows: tuple[Row, ...], notes: tuple[str, ...], command: str) -> tables
             "deep), the paper's score. SIFT, ORB, SURF make no segments: of the matches that begin on a "
             f"part those that end within {NEAR_PX:g} px of the same point in the other picture. parts had: "
             f"found as a whole; for keypoints those with at least {LEAST_MATCHES} right matches, from which "
-            f"a segment could be had. Matches are each other's best, ratio {RATIO:g}. ms: both pictures "
-            "and the matching.",
+            f"a segment could be had. Matches are each other's best, ratio {RATIO:g}. ms: of "
+            "processor time, both pictures and the matching.",
             *notes,
         ),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from skimage.morphology import skeletonize
 
 from bench.cases import Case
+from bench.machine import worked_ms
 from bench.scoring import Answer, LookScore, answer_of, score
 from cell.evaluate import EPIPOLAR_WIDTHS, SPUR_WIDTHS, STICK_TOLERANCE_M
 from drivers.timing import MonotonicClock
@@ -40,6 +41,7 @@ class Look:
     score: LookScore
     first_ms: float
     whole_ms: float
+    wall_ms: float
     skeletonize_ms: float
 
     @property
@@ -51,14 +53,13 @@ class Look:
 class FirstTold:
     """An observer that notes when the first pick was told, and which."""
 
-    def __init__(self, clock: MonotonicClock) -> None:
-        self._clock = clock
-        self.at_s: float | None = None
+    def __init__(self) -> None:
+        self.at_ms: float | None = None
         self.pick: Candidate | None = None
 
     def __call__(self, stage: str, product: object) -> None:
         if stage == FIRST and isinstance(product, Candidate):
-            self.at_s = self._clock.now()
+            self.at_ms = worked_ms()
             self.pick = product
 
 
@@ -78,13 +79,15 @@ def tuning_for(case: Case, method: Method) -> Tuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """One run of a detector. ``told``: its first pick, if it told that before the rest; ms until then and to
-    the end."""
+    """One run of a detector. ``told``: its first pick, if it told that before the rest; processor time until
+    then and to the end, and the wall clock's whole, ms.
+    """
 
     scene: Scene
     told: Candidate | None
     first_ms: float
     whole_ms: float
+    wall_ms: float
 
 
 def see(case: Case, method: Method) -> Seen:
@@ -92,24 +95,27 @@ def see(case: Case, method: Method) -> Seen:
     part = case.part
     if part.topology is None:
         part = replace(part, length_tolerance_m=STICK_TOLERANCE_M[method])
-    clock = MonotonicClock()
-    told = FirstTold(clock)
+    clock, told = MonotonicClock(), FirstTold()
     tuning = tuning_for(case, method)
-    began_at = clock.now()
+    began_at, began_ms = clock.now(), worked_ms()
     scene = locate(case.left, case.right, case.stereo, part, tuning, case.table, told)
-    whole_s = clock.now() - began_at
-    first_s = whole_s if told.at_s is None else told.at_s - began_at
-    return Seen(scene=scene, told=told.pick, first_ms=1000.0 * first_s, whole_ms=1000.0 * whole_s)
+    whole_ms, wall_s = worked_ms() - began_ms, clock.now() - began_at
+    return Seen(
+        scene=scene,
+        told=told.pick,
+        first_ms=whole_ms if told.at_ms is None else told.at_ms - began_ms,
+        whole_ms=whole_ms,
+        wall_ms=1000.0 * wall_s,
+    )
 
 
 def thinned_ms(scene: Scene) -> float:
     """How long scikit-image takes to thin the two masks of a scene."""
     masks = [view.mask.copy() for view in (scene.left, scene.right)]  # it wants to be able to write
-    clock = MonotonicClock()
-    began_at = clock.now()
+    began_ms = worked_ms()
     for mask in masks:
         skeletonize(mask)  # type: ignore[no-untyped-call]  # the library has no types
-    return 1000.0 * (clock.now() - began_at)
+    return worked_ms() - began_ms
 
 
 def unusable(case: Case) -> str | None:
@@ -135,6 +141,7 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
             score=score(nothing, case.truth),
             first_ms=unknown,
             whole_ms=unknown,
+            wall_ms=unknown,
             skeletonize_ms=unknown,
         )
     seen, thinned = [], []
@@ -149,6 +156,7 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
         score=score(answer_of(seen[-1].scene, seen[-1].told), case.truth),
         first_ms=statistics.median(one.first_ms for one in seen),
         whole_ms=statistics.median(one.whole_ms for one in seen),
+        wall_ms=statistics.median(one.wall_ms for one in seen),
         skeletonize_ms=statistics.median(thinned),
     )
 

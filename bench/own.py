@@ -9,15 +9,13 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from bench import piles, rigs
 from bench.cases import Case, of_piles, truth_from
-from bench.picture import BLOCK_OWNER
+from bench.meet import BLOCK_OWNER
 from bench.rigs import RIGS
-from bench.scenes import WORLD, Pile, Piles
-from bench.views import View
+from bench.scenes import WORLD, Pile, Piles, grey_of
 from cell import calibration, frames
 from drivers.sim.cell import load_world
 from drivers.sim.layout import CameraLayout, WorldLayout
@@ -26,7 +24,7 @@ from drivers.sim.render import Lighting, Renderer
 from drivers.sim.world import World
 from drivers.types import Frame
 from vision import transforms
-from vision.types import Grey, PartModel
+from vision.types import PartModel
 
 FINER = 4
 """A picture of 2560 x 1920, seen by the demo's cameras with a sensor so many times finer."""
@@ -54,10 +52,10 @@ def stream(family: str, count: int, seed: int, rig: str = "webcam") -> Iterator[
     if known.table is None:
         raise ValueError(f"{camera.name}: its calibration has no table")
     for number in range(count):
-        scene = piles.draw(family, camera, piles.scene_rng(seed, family, camera, number))
+        scene = piles.draw(family, camera, seed, number)
         told = json.loads(piles.truth_text(scene, f"{family}-{number + 1}", family, seed))
         wish = scene.scenery.wish
-        left, right = (_grey(view) for view in scene.views)
+        left, right = (grey_of(view.pixels) for view in scene.views)
         shows = [
             np.where(view.owner >= BLOCK_OWNER, 0, view.owner + 1).astype(np.int32) for view in scene.views
         ]
@@ -80,12 +78,6 @@ def stream(family: str, count: int, seed: int, rig: str = "webcam") -> Iterator[
             shows=(shows[0], shows[1]),
             walled=False,
         )
-
-
-def _grey(view: View) -> Grey:
-    """The picture as `mikado evaluate` reads it from its file."""
-    pixels = view.pixels
-    return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 @lru_cache(maxsize=2)

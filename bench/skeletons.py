@@ -24,7 +24,7 @@ from skimage.morphology import skeletonize
 from bench import own, tables
 from bench.cases import Case
 from bench.families import FAMILIES
-from drivers.timing import MonotonicClock
+from bench.machine import worked_ms
 from vision import graph, thin
 from vision.foreground import stands_out
 from vision.types import Mask, Skeleton
@@ -137,17 +137,16 @@ def compare(size: str, case: Case, runnable: tuple[Peer, ...]) -> list[Row]:
     mask = stands_out(case.left, width_px).mask.copy()
     skeleton = thin.guo_hall(mask).copy()
     expected = pixels_euler(mask)
-    clock = MonotonicClock()
     took: dict[str, list[float]] = {peer.name: [] for peer in runnable}
     euler: dict[str, int] = {}
     for turn in range(1 + REPEATS):
         for peer in runnable:
             if turn > 1 and took[peer.name][0] > 1000.0 * SLOW_S:
                 continue
-            began_at = clock.now()
+            began_ms = worked_ms()
             came = peer.run(mask if peer.thins else skeleton)
             if turn:  # the first one compiles
-                took[peer.name].append(1000.0 * (clock.now() - began_at))
+                took[peer.name].append(worked_ms() - began_ms)
             euler[peer.name] = peer.euler(came)
     base = statistics.median(took["scikit-image, Zhang"])
     return [
@@ -201,8 +200,8 @@ def sheet(rows: tuple[Row, ...], notes: tuple[str, ...], command: str) -> tables
         ),
         rows=tuple(lines),
         notes=(
-            "One picture, median; all take turns in one process. Graphs are built from our Guo-Hall "
-            "skeleton. A library that leaves out closed rings or single pixels, or splits a junction into "
+            "One picture, median of processor time; all take turns in one process. Graphs are built from "
+            "our Guo-Hall skeleton. A library that leaves out closed rings or single pixels, or splits a junction into "
             "several nodes with cycles between them, is off.",
             *notes,
         ),
