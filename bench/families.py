@@ -27,7 +27,7 @@ COLOURS = {
 """Linear light, BGR."""
 TABLE_TONES = {"wood": np.array([0.024, 0.033, 0.046]), "mat": np.array([0.023, 0.021, 0.019])}
 DIAMETER_M = 0.0038
-DENSITY = {5: (0.36, 1), 10: (0.52, 2), 20: (0.61, 3), 40: (0.55, 3)}
+DENSITY = {5: (0.36, 1), 10: (0.52, 2), 20: (0.59, 3), 40: (0.56, 3)}
 """By number of sticks: radius of the disc on which they fall, in lengths of a stick, and throws of each.
 
 Chosen for 2.7, 3.5, 6 and 13 crossings per stick, and for heaps as high and as steep as physical ones.
@@ -196,7 +196,7 @@ def many_kinds(rig: Rig, rng: np.random.Generator) -> Scenery:
 
     Before a grey camera nothing differs from them in colour alone.
     """
-    length_m = 0.9 * rig.stick_length_m
+    length_m = round(0.9 * rig.stick_length_m, 6)
     scale = rig.stick_length_m / 0.1
     known = OTHERS[1:] if rig.mono else OTHERS
     others = [known[k] for k in rng.permutation(len(known))[: int(rng.integers(3, len(known) + 1))]]
@@ -217,23 +217,23 @@ def many_kinds(rig: Rig, rng: np.random.Generator) -> Scenery:
 def tilted(rig: Rig, rng: np.random.Generator, parallel: bool) -> Scenery:
     """T: three sticks that lean on a block at 10 to 40 degrees, or run nearly along the baseline."""
     length_m = rig.stick_length_m
-    tilt, lap_m = np.radians(rng.uniform(10.0, 40.0)), 0.1 * length_m
+    tilt, lap_m = np.radians(rng.uniform(10.0, 40.0)), 0.12 * length_m
     turn = float(np.radians(rng.normal(0.0, 2.0) if parallel else rng.uniform(-45.0, 45.0)))
     block = Block(
         middle=np.array(MIDDLE_M) + rng.normal(0.0, 0.006, 2),
         half_m=length_m * rng.uniform(0.25, 0.4, 2),
         turn_rad=turn,
-        height_m=float(np.tan(tilt) * (0.5 * length_m * np.cos(tilt) + lap_m)),
+        height_m=float(np.tan(tilt) * (length_m * np.cos(tilt) - lap_m)),
         colour=rng.uniform(0.05, 0.13) * np.array([1.15, 1.05, 1.0]),
     )
     sides = (0, 2, 1) if parallel else tuple(rng.permutation(4)[:3].tolist())
     poses = []
     for n, side in enumerate(sides):
         out = turn + 0.5 * np.pi * side
-        away = block.half_m[side % 2] - rng.uniform(0.04, 0.2) * length_m
+        away = block.half_m[side % 2] - rng.uniform(0.06, 0.18) * length_m
         along = rng.uniform(-0.6, 0.6) * block.half_m[1 - side % 2]
         lean = np.radians(rng.normal(0.0, 1.5) if parallel else rng.uniform(-30.0, 30.0))
-        # beyond the edge lies the middle, on the block lies the upper end
+        # the upper end lies on the block, the lower one on the table, the edge between them
         edge = block.middle + away * np.array([np.cos(out), np.sin(out)])
         edge += along * np.array([-np.sin(out), np.cos(out)])
         heading = out + lean

@@ -187,12 +187,19 @@ def _lowest(at: Floats, height: Floats, hull: Ints) -> tuple[float, float]:
 
 @compiled
 def _rest(
-    pose: Floats, length: float, radius: float, tubes: Floats, radii: Floats, blocks: Floats, floor_z: float
+    pose: Floats,
+    length: float,
+    radius: float,
+    tubes: Floats,
+    radii: Floats,
+    blocks: Floats,
+    floor_z: float,
+    spacing: float,
 ) -> tuple[float, float]:
     """Centre height and slope of a rod held at ``pose`` (3,): x, y and heading in plan."""
     half = 0.5 * length
     slope, height = 0.0, floor_z + radius
-    at = _places(half, COARSE_M)
+    at = _places(half, spacing)
     bound = np.empty(len(at))
     hull = np.empty(len(at), np.int64)
     full = at.copy()
@@ -201,10 +208,12 @@ def _rest(
         at[:] = full * (reach / half)
         _bounds(pose, reach, radius, tubes, radii, blocks, floor_z, at, bound)
         height, found = _lowest(at, bound, hull)
-        done = abs(found - slope) < 1e-4
+        done = abs(found - slope) < 1e-5
         slope = found if turn < 4 else 0.5 * (slope + found)
         if done:
             break
+    for k in range(len(at)):  # the last turn of the slope must not press it into anything
+        height = max(height, bound[k] - slope * at[k])
     return height, slope
 
 
@@ -222,7 +231,7 @@ def _settle(
 ) -> None:
     """Settle one rod; ``out`` (6,) gets centre and axis."""
     pose = pose.copy()
-    height, slope = _rest(pose, length, radius, tubes, radii, blocks, floor_z)
+    height, slope = _rest(pose, length, radius, tubes, radii, blocks, floor_z, COARSE_M)
     trial = pose.copy()
     best = pose.copy()
     for _ in range(moves):
@@ -242,7 +251,7 @@ def _settle(
             else:
                 trial[2] += sign * TURN_RAD
                 cost = 0.25 * length * TURN_RAD
-            h, s = _rest(trial, length, radius, tubes, radii, blocks, floor_z)
+            h, s = _rest(trial, length, radius, tubes, radii, blocks, floor_z, COARSE_M)
             won = height - h - FRICTION * cost
             if won > gain:
                 gain, best_height, best_slope = won, h, s
@@ -251,13 +260,7 @@ def _settle(
             break
         pose[:] = best
         height, slope = best_height, best_slope
-    reach = 0.5 * length / np.sqrt(1.0 + slope * slope)
-    at = _places(reach, FINE_M)
-    bound = np.empty(len(at))
-    _bounds(pose, reach, radius, tubes, radii, blocks, floor_z, at, bound)
-    height = -1e9
-    for k in range(len(at)):
-        height = max(height, bound[k] - slope * at[k])
+    height, slope = _rest(pose, length, radius, tubes, radii, blocks, floor_z, FINE_M)
     size = np.sqrt(1.0 + slope * slope)
     out[0], out[1], out[2] = pose[0], pose[1], height
     out[3], out[4], out[5] = np.cos(pose[2]) / size, np.sin(pose[2]) / size, slope / size

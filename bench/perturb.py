@@ -54,7 +54,7 @@ def gradient(picture: Grey, share: float, angle_rad: float) -> Grey:
 
 
 def textured(picture: Grey, sigma: float, rng: np.random.Generator, roughness: float = 0.9) -> Grey:
-    """A mottled pattern over everything, ``sigma`` grey levels; ``roughness`` as the simulated floor has it."""
+    """A mottled pattern over everything, ``sigma`` grey levels; ``roughness`` as in `mottled`."""
     return _whole(picture + sigma * mottled(picture.shape, roughness, rng))
 
 

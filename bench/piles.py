@@ -45,9 +45,9 @@ def _mm(points_m: Floats) -> list[float]:
     return told
 
 
-def request_of(scene: Shot) -> dict[str, object]:
+def request_of(shot: Shot) -> dict[str, object]:
     """The request as the scene's file says it."""
-    wish = scene.scenery.wish
+    wish = shot.scenery.wish
     request: dict[str, object] = {
         "cls": "stick",
         "length_mm": round(MM * wish.length_m, 3),
@@ -59,11 +59,11 @@ def request_of(scene: Shot) -> dict[str, object]:
     return request
 
 
-def objects_of(scene: Shot) -> list[dict[str, object]]:
+def objects_of(shot: Shot) -> list[dict[str, object]]:
     """The objects as the truth file says them."""
-    truth, rods = scene.truth, scene.scenery.rods
-    left, right = (view.ends_px for view in scene.views)
-    base_from_left = rays(scene.rig.name)[0][0].base_from_camera
+    truth, rods = shot.truth, shot.scenery.rods
+    left, right = (view.ends_px for view in shot.views)
+    base_from_left = rays(shot.rig)[0][0].base_from_camera
     found: list[dict[str, object]] = []
     for n, rod in enumerate(rods):
         ends_base = apply(base_from_left, truth.ends[n])
@@ -110,17 +110,17 @@ def objects_of(scene: Shot) -> list[dict[str, object]]:
     return found
 
 
-def truth_text(scene: Shot, name: str, family: str, seed: int) -> str:
+def truth_text(shot: Shot, name: str, family: str, seed: int) -> str:
     """The truth file."""
-    base_from_left = rays(scene.rig.name)[0][0].base_from_camera
+    base_from_left = rays(shot.rig)[0][0].base_from_camera
     content = {
         "scene": name,
         "family": family,
         "split": "own",
-        "rig": scene.rig.name,
-        "note": scene.scenery.note,
-        "request": request_of(scene),
-        "objects": objects_of(scene),
+        "rig": shot.rig.name,
+        "note": shot.scenery.note,
+        "request": request_of(shot),
+        "objects": objects_of(shot),
         "crossings": [
             {
                 "above": c.above,
@@ -129,10 +129,10 @@ def truth_text(scene: Shot, name: str, family: str, seed: int) -> str:
                 "point_base": _mm(apply(base_from_left, c.point)),
                 "gap_mm": round(MM * c.gap_m, 4),
             }
-            for c in scene.truth.crossings
+            for c in shot.truth.crossings
         ],
-        "contacts": [list(pair) for pair in scene.truth.touching],
-        "expected_picks": "some" if scene.scenery.picks else "none",
+        "contacts": [list(pair) for pair in shot.truth.touching],
+        "expected_picks": "some" if shot.scenery.picks else "none",
         "seed": seed,
     }
     return json.dumps(content, indent=1) + "\n"
@@ -144,17 +144,17 @@ def write_rig(out: Path, rig: Rig) -> None:
     (out / "rigs" / f"{rig.name}.json").write_text(rig_text(rig), encoding="utf-8")
 
 
-def write_scene(out: Path, name: str, scene: Shot, family: str, seed: int) -> None:
+def write_scene(out: Path, name: str, shot: Shot, family: str, seed: int) -> None:
     """One scene's folder."""
     folder = out / "scenes" / name
     folder.mkdir(parents=True, exist_ok=True)
-    for side, view in zip(("left", "right"), scene.views, strict=True):
+    for side, view in zip(("left", "right"), shot.views, strict=True):
         cv2.imwrite(str(folder / f"{side}.png"), view.pixels)
         ids = np.where(view.owner >= BLOCK_OWNER, BLOCK_OWNER, view.owner + 1).astype(np.uint8)
         cv2.imwrite(str(folder / f"ids_{side}.png"), ids)
-    request = {"scene": name, "rig": scene.rig.name, "request": request_of(scene)}
+    request = {"scene": name, "rig": shot.rig.name, "request": request_of(shot)}
     (folder / "request.json").write_text(json.dumps(request, indent=1) + "\n", encoding="utf-8")
-    (folder / "gt.json").write_text(truth_text(scene, name, family, seed), encoding="utf-8")
+    (folder / "gt.json").write_text(truth_text(shot, name, family, seed), encoding="utf-8")
 
 
 def main() -> None:
@@ -165,22 +165,22 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--family", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--count", type=int, default=5, help="scenes of each family")
-    parser.add_argument("--rig", choices=sorted(RIGS), default="webcam")
+    parser.add_argument("--rig", nargs="+", choices=sorted(RIGS), default=["webcam"])
     parser.add_argument("--seed", type=int, default=None)
     options = parser.parse_args()
     seed = secrets.randbelow(10**6) if options.seed is None else options.seed
-    rig = RIGS[options.rig]
-    ending = "" if options.rig == "webcam" else "-ind"
-    write_rig(options.out, rig)
     began = time.perf_counter()
-    for family in options.family:
-        density, count = 0.0, options.count
-        for number in range(count):
-            scene = draw(family, rig, seed, number)
-            kind = f"-{scene.scenery.note}" if scene.scenery.note else ""
-            write_scene(options.out, f"{family}{kind}-{number + 1}{ending}", scene, family, seed)
-            density += scene.truth.crossings_per_rod / count
-        print(f"{family}: {count} scenes, {density:.1f} crossings per stick")
+    for word in options.rig:
+        rig, ending = RIGS[word], "" if word == "webcam" else "-ind"
+        write_rig(options.out, rig)
+        for family in options.family:
+            density = 0.0
+            for number in range(options.count):
+                shot = draw(family, rig, seed, number)
+                kind = f"-{shot.scenery.note}" if shot.scenery.note else ""
+                write_scene(options.out, f"{family}{kind}-{number + 1}{ending}", shot, family, seed)
+                density += shot.truth.crossings_per_rod / options.count
+            print(f"{rig.name} {family}: {options.count} scenes, {density:.1f} crossings per stick")
     print(f"seed {seed}, {time.perf_counter() - began:.1f} s, written to {options.out}")
 
 

@@ -92,9 +92,8 @@ RIGS = {"webcam": WEBCAM, "industrial": INDUSTRIAL}
 
 
 @cache
-def rays(rig_name: str) -> tuple[tuple[Eye, Small], tuple[Eye, Small]]:
-    """Both eyes of the rig of that name, each with the slopes (FH, FW, 2) of all rays of its pictures."""
-    rig = next(rig for rig in RIGS.values() if rig.name == rig_name)
+def rays(rig: Rig) -> tuple[tuple[Eye, Small], tuple[Eye, Small]]:
+    """Both eyes of a rig, each with the slopes (FH, FW, 2) of all rays of its pictures."""
     found = []
     for eye in eyes(rig.cameras):
         u, v = np.meshgrid(

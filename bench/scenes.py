@@ -155,7 +155,7 @@ def _piles(rig: Rig, shots: list[Shot]) -> Piles:
             code=1,
             name="stick",
             length_m=wish.length_m,
-            length_tolerance_m=0.04 * wish.length_m,
+            length_tolerance_m=round(0.04 * wish.length_m, 6),
             diameter_m=wish.diameter_m,
         ),
     )

@@ -25,7 +25,7 @@ class Shot:
 def shoot(scenery: Scenery, rig: Rig, rng: np.random.Generator) -> Shot:
     """Photograph a scene and say what is true of it; ``rng`` for grain and noise."""
     views = photograph(scenery.rods, scenery.blocks, rig, scenery.look, rng)
-    left = rays(rig.name)[0][0]
+    left = rays(rig)[0][0]
     return Shot(
         rig=rig,
         scenery=scenery,

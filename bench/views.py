@@ -149,7 +149,7 @@ def photograph(
     block_tones = np.array([b.colour for b in blocks]).reshape(-1, 3)
     which: Ints = rng.integers(0, GRAINS, count)
     views = []
-    for eye, slopes in rays(rig.name):
+    for eye, slopes in rays(rig):
         rotation = np.ascontiguousarray(eye.base_from_camera[:3, :3])
         place = np.ascontiguousarray(eye.base_from_camera[:3, 3])
         depth = np.full(slopes.shape[:2], np.inf, np.float32)
