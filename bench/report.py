@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench import (
@@ -69,7 +69,7 @@ EFFORTS = {
         starts=3,
         robustness_scenes=1,
         dense="H20",
-        large=True,
+        large=False,
     ),
     "long": Effort(
         families=FAMILIES,
@@ -145,6 +145,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=None)
     parser.add_argument("--scenes", type=Path, default=None)
     parser.add_argument("--seed", type=int, default=None)
+    parser.add_argument("--large", action="store_true", help="pictures of 5 megapixels too, minutes more")
     parser.add_argument("--effort", choices=sorted(EFFORTS), default="usual")
     options = parser.parse_args()
     seed = own.fresh_seed() if options.seed is None else options.seed
@@ -152,7 +153,9 @@ def main() -> None:
     began_at, load_before = clock.now(), machine.load()
     print(f"seed {seed}\n")
     found = []
-    for sheet in sheets(EFFORTS[options.effort], seed, options.scenes):
+    effort = EFFORTS[options.effort]
+    effort = replace(effort, large=effort.large or options.large)
+    for sheet in sheets(effort, seed, options.scenes):
         tables.show(sheet)
         found.append(sheet)
     facts = (

@@ -201,8 +201,8 @@ def sheet(rows: tuple[Row, ...], notes: tuple[str, ...], command: str) -> tables
         rows=tuple(lines),
         notes=(
             "One picture, median of processor time; all take turns in one process. Graphs are built from "
-            "our Guo-Hall skeleton. A library that leaves out closed rings or single pixels, or splits a junction into "
-            "several nodes with cycles between them, is off.",
+            "our Guo-Hall skeleton. A library that leaves out closed rings or single pixels, or splits a "
+            "junction into several nodes with cycles between them, is off.",
             *notes,
         ),
     )

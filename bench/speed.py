@@ -229,7 +229,8 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
         rows=tuple(lines),
         notes=(
             "Medians of processor time, and of the whole by the wall clock. B, H: 640x480, 5 MP: 2560x1920. "
-            "Where a method does not tell its first pick before the rest, both times are the same. The thinning is that of both masks, in between the looks.",
+            "Where a method does not tell its first pick before the rest, both times are the same. The "
+            "thinning is that of both masks, in between the looks.",
         ),
     )
     totals = [
@@ -268,8 +269,8 @@ def sheets(speeds: Speeds, command: str) -> tuple[tables.Sheet, ...]:
             for i, one in enumerate(speeds.starts, start=1)
         ),
         notes=(
-            "By the wall clock; fresh processes with compiled code on disk; H20, default method. Goal: the first look takes at "
-            f"most {FIRST_LOOK_GOAL:g} times the median of later ones.",
+            "By the wall clock; fresh processes with compiled code on disk; H20, default method. Goal: the "
+            f"first look takes at most {FIRST_LOOK_GOAL:g} times the median of later ones.",
         ),
     )
     return sizes, stages, starts
