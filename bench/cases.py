@@ -8,18 +8,20 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from bench.outlines import Ids, truth_of
-from bench.scenes import Piles
 from bench.scoring import PLATE, THIN, Crossing, TruePart, Truth
 from cell import scenes
 from cell.calibration import Calibration
 from cell.evaluate import TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS
 from vision.types import Floats, Grey, PartModel, Plane, StereoModel
+
+Ids: TypeAlias = npt.NDArray[np.int32]
+"""(H, W): number of the part that a pixel shows, counted from 1; 0 where there is none."""
 
 PLATES = frozenset({"bracket", "spanner", "tee"})
 
@@ -28,9 +30,6 @@ PLATES = frozenset({"bracket", "spanner", "tee"})
 class Case:
     """One pair. ``width_m``: how wide a part looks from above; ``shows``: which part a pixel shows, both
     views.
-
-    ``walled``: pictures with a bright tray wall in them, where a band proposed from the histogram takes the
-    wall too.
     """
 
     family: str
@@ -43,34 +42,10 @@ class Case:
     width_m: float
     truth: Truth
     shows: tuple[Ids, Ids]
-    walled: bool
 
     def changed(self, left: Grey, right: Grey, stereo: StereoModel | None = None) -> Case:
         """The same scene as other pictures, or as a worse calibration."""
         return replace(self, left=left, right=right, stereo=stereo or self.stereo)
-
-
-def of_piles(family: str, piles: Piles) -> tuple[Case, ...]:
-    """Rendered piles as cases."""
-    stereo, cases = piles.known.stereo, []
-    for number, pile in enumerate(piles.piles):
-        truth, left, right = truth_of(pile.ends, piles.part.diameter_m, stereo, piles.table)
-        cases.append(
-            Case(
-                family=family,
-                name=f"{family}-{number}",
-                left=pile.left,
-                right=pile.right,
-                stereo=stereo,
-                table=piles.table,
-                part=piles.part,
-                width_m=piles.part.diameter_m,
-                truth=truth,
-                shows=(left, right),
-                walled=True,
-            )
-        )
-    return tuple(cases)
 
 
 def of_folder(folder: Path, only: tuple[str, ...] = ()) -> tuple[Case, ...]:
@@ -105,7 +80,6 @@ def of_folder(folder: Path, only: tuple[str, ...] = ()) -> tuple[Case, ...]:
                 width_m=wanted.width_m,
                 truth=truth_from(known, wanted.cls),
                 shows=(_ids(scene.path / "ids_left.png", known), _ids(scene.path / "ids_right.png", known)),
-                walled=False,
             )
         )
     return tuple(cases)

@@ -29,10 +29,9 @@ from bench.cases import Case, of_folder
 from bench.families import FAMILIES as OWN_FAMILIES
 from bench.looks import METHODS, look
 from bench.machine import worked_ms
-from bench.outlines import project
 from bench.scoring import share
 from vision.default import warm_up
-from vision.types import Floats, Grey
+from vision.types import CameraModel, Floats, Grey
 
 FAMILIES = ("A", "B", "C", "D", "E")
 """Side by side, overlapping, transparent, and two kinds of plates, as in the paper."""
@@ -149,6 +148,14 @@ def true_places(points: Floats, part: npt.NDArray[np.int64], case: Case) -> Floa
             places[k] = at[int(np.argmin(off)), 2] * np.array([rays[k, 0], rays[k, 1], 1.0])
     moved = places @ case.stereo.right_from_left.rotation.T + case.stereo.right_from_left.translation
     return project(moved, case.stereo.right)
+
+
+def project(points: Floats, camera: CameraModel) -> Floats:
+    """(N, 3) m in a camera's own frame to (N, 2) px of its raw picture."""
+    seen, _ = cv2.projectPoints(
+        points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
+    )
+    return np.asarray(seen, np.float64).reshape(-1, 2)
 
 
 def judge(left: Floats, right: Floats, case: Case) -> tuple[int, int, set[int]]:

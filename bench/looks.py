@@ -18,11 +18,6 @@ from vision.quality import assess
 from vision.types import Candidate, Method, Scene, Tuning
 
 METHODS: tuple[Method, ...] = ("published", "default")
-TRAY_HEIGHT_M = (-0.003, 0.045)
-"""Heights above the tray's floor at which parts of our own piles may lie."""
-PAPER_BAND = (186, 255)
-"""The published method's band for sticks (table 1 of its paper), set by hand as there: a proposal from the
-histogram takes the tray's bright walls too."""
 FIRST = "first"
 """The stage at which a detector that answers in steps tells its first pick."""
 
@@ -64,17 +59,14 @@ class FirstTold:
 
 
 def tuning_for(case: Case, method: Method) -> Tuning:
-    """What `mikado evaluate` sets; for our own tray its heights, and the paper's band for its method."""
+    """What `mikado evaluate` sets."""
     distance_m = -case.table.offset_m / float(case.table.normal[2])
     width_px = case.width_m * float(case.stereo.left.matrix[0, 0]) / distance_m
-    tuning = Tuning(
+    return Tuning(
         method=method,
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )
-    if not case.walled:
-        return tuning
-    return replace(tuning, height_m=TRAY_HEIGHT_M, band=PAPER_BAND if method == "published" else None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

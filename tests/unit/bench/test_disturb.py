@@ -7,7 +7,7 @@ import pytest
 
 from bench.cases import Case
 from bench.disturb import DISTURBANCES, SHADOW, Disturbance, shadowed
-from bench.outlines import truth_of
+from bench.scoring import Truth
 from vision.types import CameraModel, PartModel, Plane, StereoModel, Transform, read_only
 
 CAMERA = CameraModel(
@@ -26,8 +26,9 @@ def case() -> Case:
         right_from_left=Transform(rotation=np.eye(3), translation=np.array([-0.02, 0.0, 0.0])),
     )
     table = Plane(normal=np.array([0.0, 0.0, -1.0]), offset_m=0.4)
-    truth, left, right = truth_of(np.array([[[-0.02, 0, 0.398], [0.02, 0, 0.398]]]), 0.004, stereo, table)
-    grey = read_only(np.where(left > 0, 200, 60).astype(np.uint8))
+    shows = np.zeros((120, 160), np.int32)
+    shows[58:63, 55:105] = 1
+    grey = read_only(np.where(shows > 0, 200, 60).astype(np.uint8))
     return Case(
         family="A",
         name="A-1",
@@ -37,9 +38,8 @@ def case() -> Case:
         table=table,
         part=PartModel(code=1, name="stick", length_m=0.04, length_tolerance_m=0.004, diameter_m=0.004),
         width_m=0.004,
-        truth=truth,
-        shows=(left, right),
-        walled=False,
+        truth=Truth(parts=()),
+        shows=(shows, shows),
     )
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from bench.cases import Case
-from bench.keypoints import judge, matched, true_places
-from bench.outlines import project, truth_of
+from bench.keypoints import judge, matched, project, true_places
+from bench.scoring import TruePart, Truth
 from vision.types import CameraModel, Floats, PartModel, Plane, StereoModel, Transform, read_only
 
 CAMERA = CameraModel(
@@ -23,7 +23,16 @@ ENDS = np.array([[[-0.03, -0.02, 0.39], [0.03, -0.01, 0.398]], [[-0.02, 0.02, 0.
 
 def case() -> Case:
     table = Plane(normal=np.array([0.0, 0.0, -1.0]), offset_m=0.4)
-    truth, left, right = truth_of(ENDS, 0.004, STEREO, table)
+    shows = []
+    for offset in (0.0, -0.02):
+        ids = np.zeros((240, 320), np.int32)
+        for number, ends in enumerate(ENDS, start=1):
+            a, b = np.rint(project(ends + np.array([offset, 0.0, 0.0]), CAMERA)).astype(int).tolist()
+            cv2.line(ids, a, b, number, 5)
+        shows.append(ids)
+    parts = tuple(
+        TruePart(ends=e, edges=e[None], visible=1.0, in_frame=True, pickable=True, free=True) for e in ENDS
+    )
     blank = np.zeros((240, 320), np.uint8)
     return Case(
         family="A",
@@ -34,9 +43,8 @@ def case() -> Case:
         table=table,
         part=PartModel(code=1, name="stick", length_m=0.06, length_tolerance_m=0.004, diameter_m=0.004),
         width_m=0.004,
-        truth=truth,
-        shows=(left, right),
-        walled=False,
+        truth=Truth(parts=parts),
+        shows=(shows[0], shows[1]),
     )
 
 
