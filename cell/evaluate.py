@@ -31,6 +31,9 @@ SPUR_WIDTHS: Final = 0.8
 EPIPOLAR_WIDTHS: Final = 0.3
 """Which branch of the fork is left may differ between the views; for sticks the tuning's own value counts."""
 
+HEIGHT_M: Final = (-0.005, 0.100)
+"""Scenes say nothing of heights; parts may stand on blocks or on each other."""
+
 Result = dict[str, "str | float | list[Detection] | list[list[list[float]]]"]
 Detection = dict[str, "str | int | float | list[float] | list[list[float]]"]
 
@@ -92,6 +95,7 @@ def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method, w
     width_px = _width_px(wanted, rig)
     tuning = Tuning(
         method=method,
+        height_m=HEIGHT_M,
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )

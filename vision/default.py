@@ -1,32 +1,34 @@
 """The default method from two grey pictures to candidates: its stages in order.
 
-Adaptive foreground, Guo-Hall thinning, the graph without its short branches, straight pieces measured
-on both flanks and joined through crossings into whole parts, matched as wholes on calibrated epipolar
-geometry, completed with the known length, and offered or refused.
+Adaptive foreground, Guo-Hall thinning and the skeleton graph propose where parts may lie; directed edges of both
+grey pictures say what is there; the set of parts of the known length that explains both pictures is chosen,
+measured on its own edges, and offered or refused.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from vision import binarize, graph, match_paper, reconstruct, retrieve, thin
-from vision.foreground import stands_out
-from vision.lines import straight_pieces
-from vision.look import Look
-from vision.match import match
-from vision.offer import candidates
-from vision.published import LONGEST_TOPOLOGY_DETOUR, Observer, depth_gate_m, nodes_of_part, require_pictures
-from vision.reconstruct_lines import Level, level_of_depths, level_of_table
-from vision.stereo import Rectification, Side, rectification, rectify_points
-from vision.strands import Strands, find_strands
+from vision import binarize, graph, thin
+from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
+from vision.crossings import Crossed, crossed
+from vision.edges import Edges, edges
+from vision.explain import Explanation, Frame, explain
+from vision.foreground import Foreground, stands_out
+from vision.offer import Colour, Offered, candidates, unexplained
+from vision.pieces import on_canvas_lines, straight_pieces
+from vision.polish import Measured, polish
+from vision.proposals import Lines, lines
+from vision.published import Observer, depth_gate_m, require_pictures
+from vision.rows import row_offset
 from vision.types import (
     CameraModel,
-    Candidate,
-    Graph,
+    Floats,
     Grey,
+    Ints,
+    Mask,
     Matches,
     PartModel,
     Plane,
@@ -38,23 +40,22 @@ from vision.types import (
     View,
     read_only,
 )
+from vision.windows import strays, windows
 
-CORNER_WIDTHS = 0.25
-TRIM_WIDTHS = 0.6
-PIECE_WIDTHS = 1.0
-"""Chord deviation of a corner, what is cut off at junctions, and the shortest piece, in part widths."""
-GROW_LENGTHS = 0.6
-LONGEST_LENGTHS = 1.1
-"""How far a part is followed beyond its pieces, and up to which length, in part lengths: a tenth more
-than at the table because parts may lie nearer."""
+LOWEST_DIAMETERS = 0.4
+"""Axes are looked for from this many diameters below where a lying part has its own."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Scale:
-    """How large the part is in the picture."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Picture:
+    """One picture on its way: what stands out, its graph, edges and lines."""
 
-    width_px: float
-    length_px: float
+    grey: Grey
+    found: Foreground
+    view: View
+    edges: Edges
+    pieces: Floats
+    lines: Lines
 
 
 def locate_default(
@@ -65,12 +66,9 @@ def locate_default(
     tuning: Tuning,
     table: Plane | None = None,
     observe: Observer | None = None,
+    colour_left: Colour | None = None,
 ) -> Scene:
-    """Find parts in a calibrated stereo pair with the project's own method.
-
-    Straight parts go through whole-strand matching. Parts with a topology go, for now, through the
-    published matching and retrieval, on graphs of this method's own foreground and thinning with
-    points that are rectified one by one.
+    """Find straight parts in a calibrated stereo pair with the project's own method.
 
     Parameters
     ----------
@@ -80,8 +78,10 @@ def locate_default(
         See their records. Without ``tuning.depth_m`` a table is needed. ``tuning.band`` replaces the
         adaptive foreground.
     observe
-        Called with ``binarize``, ``thin``, ``graph``, ``strands`` (pairs left, right), ``match``,
-        ``reconstruct`` and ``retrieve``.
+        Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``, ``explain``,
+        ``rows``, ``polish`` and ``retrieve``.
+    colour_left : (H, W, 3) uint8 BGR
+        Needed for parts with a colour.
 
     Returns
     -------
@@ -91,69 +91,169 @@ def locate_default(
     Raises
     ------
     ValueError
-        Pictures of a wrong type or size, or neither a depth range nor a table.
+        Pictures of a wrong type or size, neither a depth range nor a table, or a part with a colour and no
+        colour picture.
     """
     require_pictures(left_grey, right_grey, stereo_model)
+    if part.colour is not None and colour_left is None:
+        raise ValueError(f"part {part.name} is told by its colour; a colour picture of the left camera is needed")
     tell = observe or _nobody
-    rect = rectification(stereo_model)
-    depth_m = depth_gate_m(stereo_model, tuning, table)
-    scale = _scale(part, rect, depth_m, table, tuning)
+    frame = frame_of(stereo_model, part, tuning, table)
     greys = (left_grey, right_grey)
-    found = [stands_out(grey, scale.width_px) for grey in greys]
-    masks = [
+    pictures = _look(greys, frame, tuning, 0.0, tell)
+    found, pool = _explain(pictures, frame, tell)
+    offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
+    tell("rows", offset)
+    if offset.significant:
+        pictures = _look(greys, frame, tuning, -offset.px, tell)
+        found, pool = _explain(pictures, frame, tell)
+    shift = -offset.px if offset.significant else 0.0
+    measured = polish(found, pictures[0].edges, pictures[1].edges, greys, shift, frame)
+    tell("polish", measured)
+    over = crossed(measured.parts, measured.covariance, found.chosen, found.state, frame)
+    offered = candidates(
+        measured, found, over, frame, tuning, table, colour_left, offset.px if offset.significant else 0.0
+    )
+    tell("retrieve", offered.candidates)
+    return _scene(offered, measured, pictures, frame, pool, offset.px if offset.significant else 0.0)
+
+
+def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: Plane | None) -> Frame:
+    """What is the same for a whole look: geometry, heights, and how large the part looks at the table."""
+    on = canvas(stereo_model)
+    depth_m = depth_gate_m(stereo_model, tuning, table)
+    gate = tuning.depth_m if tuning.depth_m is not None or table is None else None
+    low, high = tuning.height_m
+    resting = 0.5 * part.diameter_m
+    heights = (low, resting, high) if gate is not None else (
+        max(low, resting - LOWEST_DIAMETERS * part.diameter_m), resting, high
+    )
+    planes = disparity_planes(on, heights, table, gate if gate is not None else (None if table else depth_m))
+    middle = on.centre_px
+    disparity = float(planes[1, :2] @ middle + planes[1, 2])
+    depth = on.focal_px * on.baseline_m / disparity
+    return Frame(
+        on=on,
+        camera=np.array([on.focal_px, on.baseline_m, *on.centre_px]),
+        level=planes[1],
+        low=planes[0],
+        high=planes[2],
+        part=part,
+        width_px=max(2.0, part.diameter_m * on.focal_px / depth),
+        length_px=part.length_m * on.focal_px / depth,
+        diameter_d=part.diameter_m * disparity / depth,
+    )
+
+
+def _look(
+    greys: tuple[Grey, Grey], frame: Frame, tuning: Tuning, row_shift_px: float, tell: Observer
+) -> tuple[_Picture, _Picture]:
+    """Both pictures up to their lines; the right one with its rows shifted."""
+    found = [stands_out(grey, frame.width_px) for grey in greys]
+    masks: list[Mask] = [
         one.mask if tuning.band is None else binarize.in_band(grey, tuning.band)
         for grey, one in zip(greys, found, strict=True)
     ]
     tell("binarize", tuple(masks))
-    skeletons = [thin.guo_hall(mask) for mask in masks]
-    tell("thin", tuple(skeletons))
-    graphs = [graph.prune(graph.trace(skeleton), tuning.spur_px) for skeleton in skeletons]
-    tell("graph", tuple(graphs))
     views = [
-        View(
-            grey=grey,
-            mask=mask,
-            skeleton=skeleton,
-            graph=traced,
-            band=tuning.band or (min(255, round(one.floor_grey)), 255),
-        )
-        for grey, mask, skeleton, traced, one in zip(greys, masks, skeletons, graphs, found, strict=True)
+        _view(grey, mask, one, tuning) for grey, mask, one in zip(greys, masks, found, strict=True)
     ]
-    if part.topology is not None:
-        return _by_topology(views, part, tuning, table, rect, depth_m, tell)
-    sides: tuple[Side, Side] = ("left", "right")
-    looks = [
-        Look(
-            grey=np.ascontiguousarray(grey, np.float32),
-            mask=mask,
-            rect=rect,
-            side=side,
-            width_px=scale.width_px,
-            contrast_grey=one.contrast_grey,
-        )
-        for grey, mask, side, one in zip(greys, masks, sides, found, strict=True)
+    tell("graph", tuple(view.graph for view in views))
+    shifts = (0.0, row_shift_px)
+    seen = [
+        edges(grey, one.ground | mask, one.ground | mask, one.contrast_grey, frame.on, side, shift)
+        for side, (grey, one, mask, shift) in enumerate(zip(greys, found, masks, shifts, strict=True))
     ]
-    strands = [_strands(look, traced, scale) for look, traced in zip(looks, graphs, strict=True)]
-    tell("strands", tuple(strands))
-    pair = (looks[0], looks[1])
-    matches, placed = match(strands[0], strands[1], pair, _level(rect, depth_m, table, tuning), part)
-    tell("match", matches)
-    segments = Segments3D(
-        start=read_only(placed.ends_m[:, 0].copy()),
-        end=read_only(placed.ends_m[:, 1].copy()),
-        edge=read_only(placed.solved.left.copy()),
-        residual_px=read_only(placed.solved.residual_px.copy()),
+    tell("edges", tuple(seen))
+    pictures = []
+    for side, (grey, one, view, of, shift) in enumerate(
+        zip(greys, found, views, seen, shifts, strict=True)
+    ):
+        pieces = straight_pieces(view.graph, frame.width_px)
+        on_line = on_canvas_lines(pieces, frame.on, side, shift)
+        pictures.append(
+            _Picture(
+                grey=grey,
+                found=one,
+                view=view,
+                edges=of,
+                pieces=pieces,
+                lines=lines(of, on_line, frame.width_px, frame.length_px),
+            )
+        )
+    tell("lines", tuple(picture.lines for picture in pictures))
+    return pictures[0], pictures[1]
+
+
+def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
+    skeleton = thin.guo_hall(mask)
+    return View(
+        grey=grey,
+        mask=mask,
+        skeleton=skeleton,
+        graph=graph.prune(graph.trace(skeleton), tuning.spur_px),
+        band=tuning.band or (min(255, round(found.floor_grey)), 255),
     )
-    tell("reconstruct", segments)
-    offered = candidates(placed, strands[0], strands[1], pair, part, tuning, table)
-    tell("retrieve", offered)
-    return _scene(offered, segments, views, matches)
+
+
+def _explain(
+    pictures: tuple[_Picture, _Picture], frame: Frame, tell: Observer
+) -> tuple[Explanation, Floats]:
+    arguments = (pictures[0].lines, pictures[1].lines, frame.on, np.stack([frame.low, frame.high]),
+                 frame.part.length_m, frame.width_px, frame.length_px, frame.unit)  # fmt: skip
+    pool = np.concatenate([windows(*arguments), strays(*arguments)])
+    tell("windows", pool)
+    found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+    tell("explain", found)
+    return found, pool
+
+
+def _scene(
+    offered: Offered,
+    measured: Measured,
+    pictures: tuple[_Picture, _Picture],
+    frame: Frame,
+    pool: Floats,
+    row_offset_px: float,
+) -> Scene:
+    """Everything measured is a segment; so is what nobody explains, laid on the table: both are in the way of jaws."""
+    ends = in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on).reshape(-1, 2, 3)
+    pieces = pictures[0].pieces
+    moved = points_through_grid(frame.on.from_raw[0], pieces.reshape(-1, 2)).reshape(-1, 2, 2)
+    lone = unexplained(moved, measured, frame.on, frame.width_px)
+    lying = np.empty((len(lone), 2, 3))
+    lying[..., :2] = lone
+    lying[..., 2] = lone @ frame.level[:2] + frame.level[2]
+    segments = np.concatenate([ends, in_space(lying, frame.on)])
+    none: Ints = np.zeros(0, np.int64)
+    count = len(ends)
+    return Scene(
+        method="default",
+        candidates=offered.candidates,
+        segments=Segments3D(
+            start=read_only(segments[:, 0].copy()),
+            end=read_only(segments[:, 1].copy()),
+            edge=read_only(np.full(len(segments), -1, np.int64)),
+            residual_px=read_only(np.concatenate([measured.bow_px, np.full(len(lone), np.nan)])),
+        ),
+        left=pictures[0].view,
+        right=pictures[1].view,
+        matches=Matches(
+            left=read_only(none.copy()),
+            right=read_only(none.copy()),
+            cost_px=read_only(np.zeros(0)),
+            unmatched=len(lone),
+            ambiguous=max(0, len(pool) - count),
+        ),
+        crossings=offered.crossings,
+        row_offset_px=row_offset_px,
+    )
 
 
 def warm_up() -> None:
     """Compile everything that is compiled, on a small picture pair of its own.
 
-    To be called before the cell says it is ready: the first call on a machine takes seconds, later
+    To be called before the cell says it is ready: the first call on a machine takes a minute, later
     starts load the compiled code from disk.
     """
     camera = CameraModel(
@@ -175,97 +275,8 @@ def warm_up() -> None:
     locate_default(left, right, stereo_model, part, tuning)
 
 
-def _strands(look: Look, traced: Graph, scale: _Scale) -> Strands:
-    width = scale.width_px
-    pieces = straight_pieces(
-        traced,
-        corner_px=max(1.2, CORNER_WIDTHS * width),
-        trim_px=TRIM_WIDTHS * width + 1.0,
-        least_px=max(3.0, PIECE_WIDTHS * width),
-    )
-    return find_strands(look, pieces, GROW_LENGTHS * scale.length_px, LONGEST_LENGTHS * scale.length_px)
-
-
-def _scale(
-    part: PartModel,
-    rect: Rectification,
-    depth_m: tuple[float, float],
-    table: Plane | None,
-    tuning: Tuning,
-) -> _Scale:
-    """Size in the picture at the table (parts lie low), without one in the middle of the depth range."""
-    if tuning.depth_m is None and table is not None:
-        # height 0 along the line of sight through the rectified centre
-        depth = -table.offset_m / float(rect.rect_from_left[2] @ table.normal)
-    else:
-        depth = 0.5 * (depth_m[0] + depth_m[1])
-    px_per_m = rect.focal_px / depth
-    return _Scale(width_px=max(2.0, part.diameter_m * px_per_m), length_px=part.length_m * px_per_m)
-
-
-def _level(rect: Rectification, depth_m: tuple[float, float], table: Plane | None, tuning: Tuning) -> Level:
-    if tuning.depth_m is None and table is not None:
-        return level_of_table(rect, table, tuning.height_m)
-    return level_of_depths(rect, depth_m)
-
-
-def _by_topology(
-    views: list[View],
-    part: PartModel,
-    tuning: Tuning,
-    table: Plane | None,
-    rect: Rectification,
-    depth_m: tuple[float, float],
-    tell: Observer,
-) -> Scene:
-    length_px = part.length_m * rect.focal_px / depth_m[0]
-    graphs = [
-        _rectified(nodes_of_part(views[0].graph, part, length_px, tuning.spur_px), rect, "left"),
-        _rectified(nodes_of_part(views[1].graph, part, length_px, tuning.spur_px), rect, "right"),
-    ]
-    gates = match_paper.Gates(
-        depth_m=depth_m,
-        position_px=(-tuning.epipolar_px, tuning.epipolar_px),
-        angle_rad=tuning.angle_rad,
-    )
-    matches = match_paper.match(graphs[0], graphs[1], rect, gates)
-    tell("match", matches)
-    in_space = reconstruct.space_graph(graphs[0], graphs[1], matches, rect)
-    segments = reconstruct.edge_segments(in_space)
-    tell("reconstruct", segments)
-    offered = retrieve.retrieve_topology(in_space, part, tuning, table, LONGEST_TOPOLOGY_DETOUR)
-    tell("retrieve", offered)
-    return _scene(offered, segments, views, matches)
-
-
-def _rectified(traced: Graph, rect: Rectification, side: Side) -> Graph:
-    """The graph with all its points in rectified pixels."""
-    counts = np.cumsum([0, *(len(path) for path in traced.paths)])
-    moved = rectify_points(np.concatenate([*traced.paths, np.zeros((0, 2))]), rect, side)
-    paths = [moved[a:b] for a, b in pairwise(counts.tolist())]
-    lengths = [float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in paths]
-    return Graph(
-        points=read_only(rectify_points(traced.points, rect, side)),
-        degree=traced.degree,
-        component=traced.component,
-        edges=traced.edges,
-        lengths_px=read_only(np.array(lengths, np.float64)),
-        paths=tuple(read_only(path.copy()) for path in paths),
-    )
-
-
-def _scene(
-    offered: tuple[Candidate, ...], segments: Segments3D, views: list[View], matches: Matches
-) -> Scene:
-    return Scene(
-        method="default",
-        candidates=offered,
-        segments=segments,
-        left=views[0],
-        right=views[1],
-        matches=matches,
-    )
-
-
 def _nobody(_stage: str, _product: object) -> None:
     return None
+
+
+__all__ = ["Crossed", "frame_of", "locate_default", "warm_up"]

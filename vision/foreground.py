@@ -15,18 +15,23 @@ import numpy as np
 
 from vision.types import Grey, Mask, read_only
 
-_BACKGROUND_WIDTHS = 5.0
+_BACKGROUND_WIDTHS = 12.0
+"""A heap of parts without a gap is not background up to this size."""
 _NOISE_SIGMAS = 5.0
 _LEAST_CONTRAST_GREY = 10.0
-_HALF = 0.5
+_HALF, _FIFTH = 0.5, 0.2
+_SMALL_SIDE = 9
+"""The background is sought in a smaller picture, in which its square is about this many pixels wide."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Foreground:
-    """``mask`` (H, W); ``contrast_grey`` what parts typically stand out by; ``floor_grey`` the least
+    """``mask`` (H, W); ``ground`` (H, W) True where the picture may show part, if only a dim or shaded one;
+    ``contrast_grey`` what parts typically stand out by; ``floor_grey`` the least
     contrast that counted; ``noise_grey`` standard deviation of the picture's texture and noise."""
 
     mask: Mask
+    ground: Mask
     contrast_grey: float
     floor_grey: float
     noise_grey: float
@@ -45,21 +50,38 @@ def stands_out(grey: Grey, width_px: float) -> Foreground:
     -------
     Foreground
     """
-    side = _odd(_BACKGROUND_WIDTHS * width_px)
-    smooth = cv2.GaussianBlur(grey, (0, 0), 0.7)
-    square = np.ones((side, side), np.uint8)
-    opened = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, square, borderType=cv2.BORDER_REPLICATE)
-    background = cv2.GaussianBlur(opened, (0, 0), 0.25 * side)
-    background = np.minimum(background, smooth)
+    smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.uint8)
+    background = _background(smooth, width_px)
     contrast = np.asarray(cv2.subtract(smooth, background), dtype=np.uint8)
     noise = _noise_grey(contrast)
     floor = max(_LEAST_CONTRAST_GREY, _NOISE_SIGMAS * noise)
     typical = _typical_contrast_grey(contrast, floor)
-    floor = max(floor, 0.25 * typical)
+    least = max(floor, 0.25 * typical)
     near = _odd(2.0 * width_px)
-    strongest = cv2.dilate(contrast, np.ones((near, near), np.uint8))
-    mask = (contrast > floor) & (contrast > _HALF * strongest.astype(np.float32))
-    return Foreground(mask=read_only(mask), contrast_grey=typical, floor_grey=floor, noise_grey=noise)
+    strongest = np.asarray(cv2.dilate(contrast, np.ones((near, near), np.uint8)), np.uint8)
+    limit = np.asarray(cv2.max(cv2.convertScaleAbs(strongest, alpha=_HALF), least), np.uint8)
+    mask = np.asarray(cv2.compare(contrast, limit, cv2.CMP_GT), np.uint8)
+    low = max(_LEAST_CONTRAST_GREY, _FIFTH * typical)
+    ground = np.asarray(cv2.compare(contrast, low, cv2.CMP_GT), np.uint8)
+    return Foreground(
+        mask=read_only(mask > 0),
+        ground=read_only(ground > 0),
+        contrast_grey=typical,
+        floor_grey=least,
+        noise_grey=noise,
+    )
+
+
+def _background(smooth: Grey, width_px: float) -> Grey:
+    """What a square of `_BACKGROUND_WIDTHS` cannot lift, from a picture made small by averaging."""
+    side = _BACKGROUND_WIDTHS * width_px
+    step = max(1, int(side / _SMALL_SIDE))
+    rows, columns = smooth.shape
+    small = cv2.resize(smooth, (max(1, columns // step), max(1, rows // step)), interpolation=cv2.INTER_AREA)
+    square = np.ones((_odd(side / step), _odd(side / step)), np.uint8)
+    opened = cv2.morphologyEx(small, cv2.MORPH_OPEN, square, borderType=cv2.BORDER_REPLICATE)
+    opened = cv2.GaussianBlur(opened, (0, 0), 0.25 * side / step)
+    return np.asarray(cv2.resize(opened, (columns, rows), interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
 def _odd(value: float) -> int:

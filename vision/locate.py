@@ -6,6 +6,7 @@ from typing import assert_never
 
 from vision.default import locate_default
 from vision.published import Observer, locate_published
+from vision.offer import Colour
 from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
 
 
@@ -17,6 +18,7 @@ def locate(
     tuning: Tuning,
     table: Plane | None = None,
     observe: Observer | None = None,
+    colour_left: Colour | None = None,
 ) -> Scene:
     """Find parts in a stereo pair with the method ``tuning.method`` names.
 
@@ -32,6 +34,9 @@ def locate(
         Gets every product with the name of its stage. Stage times are its business: this package
         knows no clock, and leaves ``Scene.durations_s`` empty.
 
+    colour_left : (H, W, 3) uint8 BGR
+        The left picture in colour; needed for parts that are told by it.
+
     Returns
     -------
     Scene
@@ -46,6 +51,6 @@ def locate(
         case "published":
             return locate_published(left_grey, right_grey, stereo_model, part, tuning, table, observe)
         case "default":
-            return locate_default(left_grey, right_grey, stereo_model, part, tuning, table, observe)
+            return locate_default(left_grey, right_grey, stereo_model, part, tuning, table, observe, colour_left)
         case _:
             assert_never(tuning.method)

@@ -152,6 +152,15 @@ class Topology:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ColourRange:
+    """Which colours count: hue in degrees, [low, high], over 0 where low > high; saturation and value 0..1."""
+
+    hue_deg: tuple[float, float] = (0.0, 360.0)
+    saturation: tuple[float, float] = (0.0, 1.0)
+    value: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PartModel:
     """A product as the detector knows it. Without ``topology`` it is a straight stick."""
 
@@ -161,6 +170,7 @@ class PartModel:
     length_tolerance_m: float
     diameter_m: float
     topology: Topology | None = None
+    colour: ColourRange | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,9 +227,14 @@ class Refusal(Enum):
     WIDTH = "width does not fit the product"
     DUPLICATE = "shares its picture with a better one"
     UNMATCHED = "seen by one camera only"
+    FLANKS = "its two flanks are not seen together"
+    BENT = "not straight"
+    COLOUR = "another colour"
+    VAGUE = "its place is not known well enough"
+    ROWS = "the rows of the two pictures do not agree"
 
 
-_PASSING = frozenset({Refusal.CROSSED, Refusal.TILT})
+_PASSING = frozenset({Refusal.CROSSED, Refusal.TILT, Refusal.VAGUE})
 """Reasons against picking a part now; that it is the product is settled."""
 
 
@@ -242,7 +257,8 @@ class Candidate:
 
     ``start``, ``end``, ``centre`` (3,) m and ``axis`` (3,) unit from start to end, left camera
     frame; ``nodes`` (K, 3) m in the order of the part's topology, for a stick its two ends.
-    ``refusals`` is empty for an offered one.
+    ``refusals`` is empty for an offered one. ``sigma_m`` standard deviation of the centre in its worst direction
+    (nearly always depth), ``sigma_rad`` of the axis; NaN where the method does not tell.
     """
 
     part_code: int
@@ -255,6 +271,8 @@ class Candidate:
     score: float
     residual_px: float
     refusals: tuple[Refused, ...] = ()
+    sigma_m: float = float("nan")
+    sigma_rad: float = float("nan")
 
     @property
     def offered(self) -> bool:
@@ -297,8 +315,29 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Crossing:
+    """Where one candidate lies over another in the picture.
+
+    ``above``, ``below`` places in ``Scene.candidates``; ``point`` (3,) m on the upper axis; ``gap_m`` between
+    the surfaces along the ray, negative where they seem to touch; ``sure`` how certain the order is, in
+    standard deviations.
+    """
+
+    above: int
+    below: int
+    point: Floats
+    gap_m: float
+    sure: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """Everything one look gave. ``candidates`` best first, refused ones after the offered ones."""
+    """Everything one look gave. ``candidates`` best first, refused ones after the offered ones.
+
+    ``crossings`` which candidate lies on which; ``row_offset_px`` what the rows of the right picture were
+    found to be off by, and corrected for; ``complete`` False for a first answer whose rest is
+    still being explained.
+    """
 
     method: Method
     candidates: tuple[Candidate, ...]
@@ -307,6 +346,9 @@ class Scene:
     right: View
     matches: Matches
     durations_s: dict[str, float] = field(default_factory=dict)
+    crossings: tuple[Crossing, ...] = ()
+    row_offset_px: float = 0.0
+    complete: bool = True
 
     @property
     def offered(self) -> tuple[Candidate, ...]:

@@ -1,0 +1,538 @@
+"""Which hypotheses together explain both pictures, and nothing else.
+
+A chosen part claims the edges of its flanks and ends; what is left is what others can be made of. A part
+gains by flanks and ends that nobody else claims and loses by places without them, less where another chosen
+part lies over it, more where the picture shows background. Parts do not pass through each other. Greedy
+choice, then exchanges that raise the sum.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vision.edges import Edges, Ids, Reals
+from vision.flank import Counts
+from vision.jit import compiled
+from vision.traits import BEYOND, LANES, Traits, claimed_edges
+from vision.types import Bools, Floats, Ints
+
+UNSEEN, HIDDEN, BACKGROUND, OUTSIDE = 0.35, 0.08, 1.5, 0.35
+"""What a px of axis costs without flanks: in the open, under another part, on background, off the picture."""
+ONE_FLANK, BOTH_FLANKS, SEEN_COST = 0.45, 0.6, 0.1
+TIP_WIDTHS, NO_TIP_WIDTHS, BEYOND_WEIGHT = 1.3, 0.65, 0.5
+"""An end that is seen; one that is neither seen nor covered; flanks that go on beyond it, each px."""
+ACCEPT_LENGTHS, KEEP_LENGTHS = 0.15, 0.15
+"""Least gain of a part that is taken, and that stays, in part lengths and view."""
+THROUGH = 0.6
+"""Axes nearer than this share of the diameter pass through each other."""
+THROUGH_LENGTHS = 0.25
+PARALLEL = 0.97
+BELOW_SHARE, ABOVE_SHARE, CROSSING = 0.35, 0.5, 0.95
+"""A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
+along it (cosine), from the second share above it."""
+MOST_COVERS = 64
+LEAST_RISE = 0.02
+NEVER = -1e9
+
+
+class State(NamedTuple):
+    """Everything the compiled choice works on; N hypotheses, two views."""
+
+    count: npt.NDArray[np.int32]
+    ends: Floats
+    width: Floats
+    value: Reals
+    edge: Ids
+    ground: npt.NDArray[np.uint8]
+    tip_value: Reals
+    tip_edge: Ids
+    beyond_value: Reals
+    beyond_edge: Ids
+    table_l: Reals
+    at_l: Ids
+    table_r: Reals
+    at_r: Ids
+    taken_l: Counts
+    taken_r: Counts
+    disparity: Floats
+    space: Floats
+    prior: Floats
+    soft: Floats
+    hard: Ints
+    covers: npt.NDArray[np.int32]
+    covered: Ints
+    claims: npt.NDArray[np.int64]
+    claim_count: Ints
+    gain: Floats
+    near_at: Ints
+    near: Ints
+    size_px: float
+    width_px: float
+    diameter: float
+    step_d: float
+
+
+def state(
+    hypotheses: Floats,
+    seen: Traits,
+    left: Edges,
+    right: Edges,
+    space: Floats,
+    prior: Floats,
+    length_px: float,
+    width_px: float,
+    diameter_m: float,
+    diameter_d: float,
+) -> State:
+    """A fresh state with nothing chosen.
+
+    Parameters
+    ----------
+    space : (N, 2, 3)
+        Ends in m, any orthonormal frame.
+    prior : (N,)
+        What each part gains or loses for itself.
+    diameter_d
+        Disparity that one diameter of height makes, px.
+    """
+    n = len(hypotheses)
+    longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
+    margin = 1.5 * width_px + 3.0
+    near_at, near = _neighbours(seen.ends, np.ascontiguousarray(space), margin, THROUGH * diameter_m)
+    return State(
+        count=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
+        ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
+        beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
+        table_l=left.table, at_l=left.at, table_r=right.table, at_r=right.at,
+        taken_l=np.zeros(len(left.table) + 1, np.uint16), taken_r=np.zeros(len(right.table) + 1, np.uint16),
+        disparity=np.ascontiguousarray(hypotheses[:, [3, 6]]), space=np.ascontiguousarray(space), prior=prior,
+        soft=np.zeros(n), hard=np.zeros(n, np.int64),
+        covers=np.zeros((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
+        claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
+        gain=np.zeros(n), near_at=near_at, near=near, size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
+    )  # fmt: skip
+
+
+@compiled
+def gain_of(h: int, s: State) -> float:
+    """What a hypothesis adds to what is chosen, in px of evidence."""
+    if s.hard[h] > 0:
+        return NEVER
+    total = s.prior[h] - s.soft[h]
+    hidden = np.zeros(s.value.shape[2], np.uint8)
+    for view in range(2):
+        taken = s.taken_l if view == 0 else s.taken_r
+        steps = s.count[h, view]
+        hidden[:steps] = 0
+        for c in range(s.covered[h, view]):
+            level = 1 + s.covers[h, view, c, 3]
+            for q in range(s.covers[h, view, c, 1], s.covers[h, view, c, 2]):
+                hidden[q] = max(hidden[q], level)
+        part = 0.0
+        for q in range(steps):
+            kind = s.ground[h, view, q]
+            if kind == 0:
+                part -= BACKGROUND
+                continue
+            if kind == 2:
+                part -= OUTSIDE
+                continue
+            low, high = 0.0, 0.0
+            e = s.edge[h, view, q, 0]
+            if e >= 0 and taken[e] == 0:
+                low = s.value[h, view, q, 0]
+            e = s.edge[h, view, q, 1]
+            if e >= 0 and taken[e] == 0:
+                high = s.value[h, view, q, 1]
+            if hidden[q] == 2:
+                # what is seen through another part is not this one
+                part -= HIDDEN
+            elif low == 0.0 and high == 0.0:
+                part -= HIDDEN if hidden[q] > 0 else UNSEEN
+            else:
+                part += ONE_FLANK * (low + high) + BOTH_FLANKS * min(low, high) - SEEN_COST
+        dx = s.ends[h, view, 2] - s.ends[h, view, 0]
+        dy = s.ends[h, view, 3] - s.ends[h, view, 1]
+        total += part * np.hypot(dx, dy) / max(steps, 1)
+        for end in range(2):
+            tip = 0.0
+            for lane in range(LANES):
+                e = s.tip_edge[h, view, end, lane]
+                if e >= 0 and taken[e] == 0:
+                    tip += s.tip_value[h, view, end, lane]
+            tip /= LANES
+            total += TIP_WIDTHS * s.width_px * tip
+            if hidden[0 if end == 0 else max(steps - 1, 0)] == 0:
+                total -= NO_TIP_WIDTHS * s.width_px * max(0.0, 1 - 1.6 * tip)
+            more = 0.0
+            for q in range(BEYOND):
+                a, b = s.beyond_edge[h, view, end, q, 0], s.beyond_edge[h, view, end, q, 1]
+                if a >= 0 and b >= 0 and taken[a] == 0 and taken[b] == 0:
+                    more += min(s.beyond_value[h, view, end, q, 0], s.beyond_value[h, view, end, q, 1])
+            total -= BEYOND_WEIGHT * more
+    return total
+
+
+@compiled
+def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
+    """Samples of h that lie under the outline of k, first and behind the last, and how far k is above there.
+
+    Above is a difference of disparities, px.
+    """
+    xa, ya = s.ends[k, view, 0], s.ends[k, view, 1]
+    dx, dy = s.ends[k, view, 2] - xa, s.ends[k, view, 3] - ya
+    size_k = np.hypot(dx, dy)
+    ux, uy = dx / size_k, dy / size_k
+    px, py = s.ends[h, view, 0], s.ends[h, view, 1]
+    qx, qy = s.ends[h, view, 2] - px, s.ends[h, view, 3] - py
+    half = 0.25 * (s.width[k, 0] + s.width[k, 1]) + 0.7
+    # along k: t = t0 + share t1; across: c = c0 + share c1
+    t0, t1 = (px - xa) * ux + (py - ya) * uy, qx * ux + qy * uy
+    c0, c1 = -(px - xa) * uy + (py - ya) * ux, -qx * uy + qy * ux
+    low, high = 0.0, 1.0
+    if abs(c1) < 1e-9:
+        if abs(c0) > half:
+            return 0, 0, 0.0
+    else:
+        a, b = (-half - c0) / c1, (half - c0) / c1
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+    if abs(t1) < 1e-9:
+        if t0 < -1 or t0 > size_k + 1:
+            return 0, 0, 0.0
+    else:
+        a, b = (-1 - t0) / t1, (size_k + 1 - t0) / t1
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+    if high <= low:
+        return 0, 0, 0.0
+    middle = 0.5 * (low + high)
+    there = min(max((t0 + middle * t1) / size_k, 0.0), 1.0)
+    own = s.disparity[h, 0] + middle * (s.disparity[h, 1] - s.disparity[h, 0])
+    other = s.disparity[k, 0] + there * (s.disparity[k, 1] - s.disparity[k, 0])
+    steps = s.count[h, view]
+    return int(low * steps), min(int(np.ceil(high * steps)), steps), other - own
+
+
+@compiled
+def _apart(s: State, h: int, k: int) -> tuple[float, float]:
+    """Distance of two axes in space, m, and the cosine between them (Lumelsky 1985, clamped)."""
+    a, c = s.space[h, 0], s.space[k, 0]
+    u, v, w = s.space[h, 1] - a, s.space[k, 1] - c, a - c
+    uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+    uv = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    uw = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    vw = v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+    det = uu * vv - uv * uv
+    p = 0.5 if det < 1e-9 * uu * vv else min(max((uv * vw - vv * uw) / det, 0.0), 1.0)
+    q = min(max((uv * p + vw) / vv, 0.0), 1.0)
+    p = min(max((uv * q - uw) / uu, 0.0), 1.0)
+    total = 0.0
+    for n in range(3):
+        total += (w[n] + p * u[n] - q * v[n]) ** 2
+    return float(np.sqrt(total)), float(abs(uv) / np.sqrt(uu * vv))
+
+
+@compiled
+def _neighbours(ends: Floats, space: Floats, margin: float, through: float) -> tuple[Ints, Ints]:
+    """For each hypothesis those that it can share edges with, cover, or pass through: starts and places."""
+    count = len(ends)
+    starts = np.zeros(count + 1, np.int64)
+    found = np.empty(count * count, np.int64)
+    total = 0
+    for h in range(count):
+        for k in range(count):
+            if h != k and (_meet_in_picture(ends, h, k, margin) or _touch(space, h, k, through)):
+                found[total] = k
+                total += 1
+        starts[h + 1] = total
+    return starts, found[:total].copy()
+
+
+@compiled
+def _touch(space: Floats, h: int, k: int, through: float) -> bool:
+    """Whether the boxes round two axes come nearer than ``through``."""
+    for n in range(3):
+        low = max(min(space[h, 0, n], space[h, 1, n]), min(space[k, 0, n], space[k, 1, n]))
+        high = min(max(space[h, 0, n], space[h, 1, n]), max(space[k, 0, n], space[k, 1, n]))
+        if low - high > through:
+            return False
+    return True
+
+
+@compiled
+def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
+    """Whether two hypotheses come nearer than ``margin`` in either picture, by separating axes."""
+    for view in range(2):
+        apart = False
+        for turn in range(2):
+            first, second = (h, k) if turn == 0 else (k, h)
+            xa, ya = ends[first, view, 0], ends[first, view, 1]
+            dx, dy = ends[first, view, 2] - xa, ends[first, view, 3] - ya
+            size = np.hypot(dx, dy)
+            ux, uy = dx / size, dy / size
+            px, py = ends[second, view, 0] - xa, ends[second, view, 1] - ya
+            qx, qy = ends[second, view, 2] - xa, ends[second, view, 3] - ya
+            c0, c1 = -px * uy + py * ux, -qx * uy + qy * ux
+            t0, t1 = px * ux + py * uy, qx * ux + qy * uy
+            if min(c0, c1) > margin or max(c0, c1) < -margin:
+                apart = True
+            if min(t0, t1) > size + margin or max(t0, t1) < -margin:
+                apart = True
+        if not apart:
+            return True
+    return False
+
+
+@compiled
+def take(s: State, k: int, alive: Bools) -> None:
+    """Choose k: claims, covers and conflicts of all others follow, and the gains of those it touches."""
+    _claim(s, k, True)
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
+        apart, cosine = _apart(s, h, k)
+        if apart < THROUGH * s.diameter:
+            if cosine > PARALLEL:
+                s.hard[h] += 1
+            else:
+                s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+        for view in range(2):
+            first, last, above = _overlap(s, h, k, view)
+            at = s.covered[h, view]
+            if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
+                s.covers[h, view, at, 0] = k
+                s.covers[h, view, at, 1] = first
+                s.covers[h, view, at, 2] = last
+                s.covers[h, view, at, 3] = 1 if above > ABOVE_SHARE * s.step_d and cosine < CROSSING else 0
+                s.covered[h, view] += 1
+        if alive[h]:
+            s.gain[h] = gain_of(h, s)
+
+
+@compiled
+def give_back(s: State, k: int) -> None:
+    """Undo `take`, but for the gains."""
+    _claim(s, k, False)
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
+        apart, cosine = _apart(s, h, k)
+        if apart < THROUGH * s.diameter:
+            if cosine > PARALLEL:
+                s.hard[h] -= 1
+            else:
+                s.soft[h] -= THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+        for view in range(2):
+            kept = 0
+            for c in range(s.covered[h, view]):
+                if s.covers[h, view, c, 0] != k:
+                    for n in range(4):
+                        s.covers[h, view, kept, n] = s.covers[h, view, c, n]
+                    kept += 1
+            s.covered[h, view] = kept
+
+
+@compiled
+def _claim(s: State, k: int, add: bool) -> None:
+    for view in range(2):
+        if s.claim_count[k, view] < 0:
+            table = s.table_l if view == 0 else s.table_r
+            at = s.at_l if view == 0 else s.at_r
+            s.claim_count[k, view] = claimed_edges(
+                table, at, s.ends[k, view], s.width[k, 0], s.width[k, 1], s.claims[k, view]
+            )
+        taken = s.taken_l if view == 0 else s.taken_r
+        for c in range(s.claim_count[k, view]):
+            e = s.claims[k, view, c]
+            taken[e] = taken[e] + np.uint16(1) if add else taken[e] - np.uint16(1)
+
+
+@compiled
+def greedy(s: State, chosen: Bools) -> None:
+    """Adds to what is chosen the best that is left, while it gains enough."""
+    count = len(chosen)
+    alive = np.zeros(count, np.bool_)
+    least = 2 * ACCEPT_LENGTHS * s.size_px
+    for h in range(count):
+        if not chosen[h]:
+            s.gain[h] = gain_of(h, s)
+            # what is not half good enough now may become so when others cover it, but that is rare
+            alive[h] = s.gain[h] > 0.5 * least
+    while True:
+        best = -1
+        for h in range(count):
+            if alive[h] and (best < 0 or s.gain[h] > s.gain[best]):
+                best = h
+        if best < 0 or s.gain[best] < least:
+            return
+        chosen[best] = True
+        alive[best] = False
+        take(s, best, alive)
+
+
+@compiled
+def exchange(s: State, chosen: Bools, rivals: Bools) -> bool:
+    """Every chosen part against its rivals, with all others as they are; True when anything changed."""
+    changed = False
+    count = len(chosen)
+    alive = np.zeros(count, np.bool_)
+    for i in range(count):
+        if not chosen[i]:
+            continue
+        give_back(s, i)
+        chosen[i] = False
+        best, most = i, gain_of(i, s)
+        for at_near in range(s.near_at[i], s.near_at[i + 1]):
+            k = s.near[at_near]
+            if rivals[i, k] and not chosen[k]:
+                value = gain_of(k, s)
+                if value > most:
+                    best, most = k, value
+        if most < 2 * KEEP_LENGTHS * s.size_px:
+            changed = True
+            continue
+        chosen[best] = True
+        take(s, best, alive)
+        changed = changed or best != i
+    return changed
+
+
+@compiled
+def energy(s: State, chosen: Bools) -> float:
+    """The sum of all gains, parts taken from the nearest to the farthest; the state ends as it began."""
+    count = len(chosen)
+    alive = np.zeros(count, np.bool_)
+    rows = np.flatnonzero(chosen)
+    order = rows[np.argsort(-(s.disparity[rows, 0] + s.disparity[rows, 1]))]
+    for k in order:
+        give_back(s, k)
+    total = 0.0
+    for k in order:
+        total += gain_of(k, s)
+        take(s, k, alive)
+    return total
+
+
+@compiled
+def deepen(s: State, chosen: Bools, rivals: Bools, margin: float, most: int) -> int:
+    """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the exchange
+    stays where the sum of all gains about it has risen. Returns how many stayed."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    loss = np.empty(4 * most)
+    pairs = np.empty((4 * most, 2), np.int64)
+    found = 0
+    for i in range(count):
+        if not chosen[i]:
+            continue
+        give_back(s, i)
+        own = gain_of(i, s)
+        for at_near in range(s.near_at[i], s.near_at[i + 1]):
+            k = s.near[at_near]
+            if not rivals[i, k] or chosen[k] or found >= len(loss):
+                continue
+            # conflicts with others are theirs to solve
+            blocked = s.hard[k]
+            s.hard[k] = 0
+            value = gain_of(k, s)
+            s.hard[k] = blocked
+            if own - value < margin:
+                loss[found] = own - value
+                pairs[found, 0], pairs[found, 1] = i, k
+                found += 1
+        take(s, i, nobody)
+    order = np.argsort(loss[:found])[:most]
+    stayed = 0
+    for at in order:
+        i, k = pairs[at, 0], pairs[at, 1]
+        if not chosen[i] or chosen[k]:
+            continue
+        stayed += _try(s, chosen, i, k)
+    return stayed
+
+
+@compiled
+def _try(s: State, chosen: Bools, i: int, k: int) -> int:
+    """Force k in for i; 1 if it stayed. Only what is near either of them is touched."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    about = np.zeros(count, np.bool_)
+    for centre in (i, k):
+        for at_near in range(s.near_at[centre], s.near_at[centre + 1]):
+            about[s.near[at_near]] = True
+    about[i] = True
+    about[k] = True
+    before = _local(s, chosen, about)
+    was = chosen.copy()
+    give_back(s, i)
+    chosen[i] = False
+    for j in range(count):
+        if chosen[j] and about[j] and j != k:
+            apart, cosine = _apart(s, j, k)
+            if apart < THROUGH * s.diameter and cosine > PARALLEL:
+                give_back(s, j)
+                chosen[j] = False
+    chosen[k] = True
+    take(s, k, nobody)
+    least = 2 * ACCEPT_LENGTHS * s.size_px
+    while True:
+        best, most = -1, least
+        for j in range(count):
+            if about[j] and not chosen[j]:
+                value = gain_of(j, s)
+                if value > most:
+                    best, most = j, value
+        if best < 0:
+            break
+        chosen[best] = True
+        take(s, best, nobody)
+    if _local(s, chosen, about) > before + LEAST_RISE * s.size_px:
+        return 1
+    for j in range(count):
+        if chosen[j] and not was[j]:
+            give_back(s, j)
+    for j in range(count):
+        if was[j] and not chosen[j]:
+            take(s, j, nobody)
+        chosen[j] = was[j]
+    return 0
+
+
+@compiled
+def _local(s: State, chosen: Bools, about: Bools) -> float:
+    """Sum of the gains of the chosen parts in a place, nearest first, all others as they are."""
+    count = len(chosen)
+    nobody = np.zeros(count, np.bool_)
+    rows = np.flatnonzero(chosen & about)
+    order = rows[np.argsort(-(s.disparity[rows, 0] + s.disparity[rows, 1]))]
+    for k in order:
+        give_back(s, k)
+    total = 0.0
+    for k in order:
+        total += gain_of(k, s)
+        take(s, k, nobody)
+    return total
+
+
+@compiled
+def rivals_of(s: State) -> Bools:
+    """(N, N) pairs that cannot both be chosen, or that show the same place of the left picture."""
+    count = len(s.gain)
+    rivals = np.zeros((count, count), np.bool_)
+    for h in range(count):
+        for k in range(h):
+            apart, cosine = _apart(s, h, k)
+            rival = apart < THROUGH * s.diameter and cosine > PARALLEL
+            if not rival:
+                dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
+                ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
+                size, other = np.hypot(dx, dy), np.hypot(ex, ey)
+                if abs(dx * ex + dy * ey) > 0.98 * size * other:
+                    mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
+                    my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
+                    along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
+                    rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
+            rivals[h, k] = rival
+            rivals[k, h] = rival
+    return rivals

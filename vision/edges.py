@@ -1,0 +1,171 @@
+"""Directed edges of one picture: where grey rises steepest, to sub-pixel, and towards which side.
+
+An edge knows its bright side. Two parts that touch are one blob in a mask; their edges, which look away
+from each other, still tell them apart. Edges are found in raw pixels, where grey is untouched, and kept in
+canvas pixels, with a map that names the edge at a pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from vision.canvas import Canvas, through_grid
+from vision.jit import compiled
+from vision.types import Floats, Grey, Mask, read_only
+
+Reals = npt.NDArray[np.float32]
+Ids = npt.NDArray[np.int32]
+
+SMOOTHING_PX = 0.7
+LEAST_SHARE, FULL_SHARE = 0.03, 0.16
+"""Grey per px, as shares of the contrast of parts: the faintest edge that counts, and where it counts fully."""
+LEAST_SLOPE_GREY = 1.2
+"""Per px; below this sensor noise makes edges everywhere."""
+NEAR_MASK_PX = 3
+X, Y, UX, UY, STRENGTH = 0, 1, 2, 3, 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Edges:
+    """``table`` (N, 5): x, y, unit direction to the bright side, strength 0..1; ``at`` (H, W) which edge
+    lies in a canvas pixel, -1 none; ``ground`` (H, W) uint8, 0 where the canvas shows background."""
+
+    table: Reals
+    at: Ids
+    ground: npt.NDArray[np.uint8]
+
+
+def edges(
+    grey: Grey, mask: Mask, ground: Mask, contrast_grey: float, on: Canvas, side: int, row_shift_px: float = 0.0
+) -> Edges:
+    """The edges in and near a mask.
+
+    Parameters
+    ----------
+    grey, mask, ground : (H, W) raw
+        See `vision.foreground.Foreground`.
+    contrast_grey
+        What parts stand out by.
+    side
+        0 left, 1 right.
+    row_shift_px
+        Added to the rows of this picture: what the calibration is off by.
+    """
+    table = np.zeros((0, 5), np.float32)
+    at = np.full((on.height_px, on.width_px), -1, np.int32)
+    drawn = np.zeros((on.height_px, on.width_px), np.uint8)
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return Edges(table=table, at=at, ground=drawn)
+    border = NEAR_MASK_PX + 4
+    top, bottom = max(0, int(rows[0]) - border), min(grey.shape[0], int(rows[-1]) + border + 1)
+    first, last = max(0, int(columns[0]) - border), min(grey.shape[1], int(columns[-1]) + border + 1)
+    window = np.ascontiguousarray(grey[top:bottom, first:last], np.float32)
+    smooth = cv2.GaussianBlur(window, (0, 0), SMOOTHING_PX)
+    gx = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125), np.float32)
+    gy = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125), np.float32)
+    slope = np.asarray(cv2.magnitude(gx, gy), np.float32)
+    inside = np.ascontiguousarray(mask[top:bottom, first:last]).view(np.uint8)
+    side_px = 2 * NEAR_MASK_PX + 1
+    near = np.asarray(cv2.dilate(inside, np.ones((side_px, side_px), np.uint8)), np.uint8)
+    least = max(LEAST_SLOPE_GREY, LEAST_SHARE * contrast_grey)
+    found, count = _extract(
+        gx, gy, slope, near, least, max(1.0, FULL_SHARE * contrast_grey),
+        on.from_raw[side], float(first), float(top), row_shift_px, at,
+    )  # fmt: skip
+    around = np.ascontiguousarray(ground[top:bottom, first:last]).view(np.uint8)
+    _draw_ground(around, on.from_raw[side], first, top, row_shift_px, drawn)
+    return Edges(table=read_only(found[:count].copy()), at=at, ground=drawn)
+
+
+@compiled
+def _extract(
+    gx: Reals,
+    gy: Reals,
+    slope: Reals,
+    near: npt.NDArray[np.uint8],
+    least: float,
+    full: float,
+    grid: Floats,
+    left: float,
+    top: float,
+    row_shift: float,
+    at: Ids,
+) -> tuple[Reals, int]:
+    """Non-maximum suppression along the gradient, parabola through three slopes, then onto the canvas."""
+    rows, columns = slope.shape
+    found = np.empty((rows * columns // 3 + 1, 5), np.float32)
+    count = 0
+    for y in range(2, rows - 2):
+        for x in range(2, columns - 2):
+            here = slope[y, x]
+            if here < least or near[y, x] == 0:
+                continue
+            ux = gx[y, x] / here
+            uy = gy[y, x] / here
+            px, py = x + ux, y + uy
+            i, j = int(px), int(py)
+            fx, fy = px - i, py - j
+            ahead = (slope[j, i] * (1 - fx) + slope[j, i + 1] * fx) * (1 - fy) + (
+                slope[j + 1, i] * (1 - fx) + slope[j + 1, i + 1] * fx
+            ) * fy
+            if here < ahead:
+                continue
+            px, py = x - ux, y - uy
+            i, j = int(px), int(py)
+            fx, fy = px - i, py - j
+            behind = (slope[j, i] * (1 - fx) + slope[j, i + 1] * fx) * (1 - fy) + (
+                slope[j + 1, i] * (1 - fx) + slope[j + 1, i + 1] * fx
+            ) * fy
+            if here <= behind:
+                continue
+            bend = behind - 2 * here + ahead
+            off = min(max(0.5 * (behind - ahead) / bend, -0.5), 0.5) if bend < -1e-6 else 0.0
+            ex, ey = left + x + off * ux, top + y + off * uy
+            cx, cy = through_grid(grid, ex, ey)
+            dx, dy = through_grid(grid, ex + ux, ey + uy)
+            dx -= cx
+            dy -= cy
+            size = np.sqrt(dx * dx + dy * dy)
+            cy += row_shift
+            column, row = int(cx + 0.5), int(cy + 0.5)
+            if column < 0 or row < 0 or column >= at.shape[1] or row >= at.shape[0] or count >= len(found):
+                continue
+            strength = min(1.0, here / full)
+            other = at[row, column]
+            # two edges in one pixel: the stronger is named
+            if other < 0 or found[other, 4] < strength:
+                at[row, column] = count
+            found[count, 0] = cx
+            found[count, 1] = cy
+            found[count, 2] = dx / size
+            found[count, 3] = dy / size
+            found[count, 4] = strength
+            count += 1
+    return found, count
+
+
+@compiled
+def _draw_ground(
+    inside: npt.NDArray[np.uint8],
+    grid: Floats,
+    left: int,
+    top: int,
+    row_shift: float,
+    ground: npt.NDArray[np.uint8],
+) -> None:
+    """Marks the canvas pixels round every mask pixel: distortion may tear the mask by one pixel."""
+    rows, columns = inside.shape
+    for y in range(rows):
+        for x in range(columns):
+            if inside[y, x] == 0:
+                continue
+            cx, cy = through_grid(grid, float(left + x), float(top + y))
+            column, row = int(cx + 0.5), int(cy + row_shift + 0.5)
+            for j in range(max(0, row - 1), min(ground.shape[0], row + 2)):
+                for i in range(max(0, column - 1), min(ground.shape[1], column + 2)):
+                    ground[j, i] = 1

@@ -1,0 +1,201 @@
+"""Both pictures explained at once: the set of parts of known length that makes their edges, and nothing else.
+
+Lines of both pictures propose parts in space (`proposals`, `windows`), each is laid on its edges (`refine`),
+the set that explains the most is chosen (`choice`), then every chosen part is refined again on the edges nobody
+else claims, from several places near by, and the set is chosen anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision import choice
+from vision.canvas import Canvas, in_space
+from vision.edges import Edges
+from vision.flank import Counts
+from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, refine
+from vision.traits import Traits, traits
+from vision.types import Bools, Floats, PartModel
+from vision.windows import distinct
+
+TILT_SHARES = (0.06, 0.25)
+"""Deviation of the height difference of the ends, in lengths: usual, and wide."""
+LENGTH_SIGMA_SHARE = 0.005
+LENGTH_SHARE = 0.08
+SAME_PX = 0.6
+ROUNDS = 3
+DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
+"""Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
+NUDGE_PX = 2.0
+TILT_COST, MOST_TILT_COST = 0.8, 0.2
+"""Cost of tilt squared (rad), and its most, in part lengths and view."""
+STRAY_LENGTHS = 0.25
+"""What a part of a length that is no product's must earn beyond others, in part lengths and view."""
+LONGEST_LENGTHS = 2.8
+UNSHADED_SIGMA_PX = 0.1
+"""What light shifts the flanks of one view by while nobody has looked."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """What is the same for all hypotheses of a look.
+
+    ``camera`` (4,) focal px, baseline m, principal point px; ``level`` (3,) disparity of the table as a plane;
+    ``low``, ``high`` (3,) disparity of the least and greatest height of an axis; ``width_px``,
+    ``length_px`` of the part at the table; ``diameter_d`` disparity of one diameter of height.
+    """
+
+    on: Canvas
+    camera: Floats
+    level: Floats
+    low: Floats
+    high: Floats
+    part: PartModel
+    width_px: float
+    length_px: float
+    diameter_d: float
+
+    @property
+    def unit(self) -> float:
+        """Width over disparity of a part, both px."""
+        return self.part.diameter_m / self.on.baseline_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Explanation:
+    """``hypotheses`` (N, 8) of which ``chosen`` (C,) explain the pictures; ``margin`` (C,) what each adds;
+    ``seen`` what the pictures show of all."""
+
+    hypotheses: Floats
+    chosen: list[int]
+    margin: Floats
+    state: choice.State
+    seen: Traits
+
+
+def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
+    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
+    free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
+    tried = []
+    for share in TILT_SHARES:
+        hypotheses = pool.copy()
+        settle(hypotheses, left, right, free, frame, share, 5, 3.0)
+        tried.append(hypotheses)
+    hypotheses = np.concatenate(tried)
+    hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
+    hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
+    hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
+    chosen = np.zeros(len(hypotheses), np.bool_)
+    for turn in range(ROUNDS):
+        seen, now = _state(hypotheses, left, right, frame)
+        rivals = choice.rivals_of(now)
+        nobody = np.zeros(len(hypotheses), np.bool_)
+        chosen[:] = False
+        choice.greedy(now, chosen)
+        for _ in range(2):
+            if not choice.exchange(now, chosen, rivals):
+                break
+            choice.greedy(now, chosen)
+        if turn > 0:
+            choice.deepen(now, chosen, rivals, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
+        if turn == ROUNDS - 1:
+            break
+        added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
+        grown = np.concatenate([hypotheses, added])
+        kept = distinct(grown, SAME_PX)
+        hypotheses = np.ascontiguousarray(grown[kept])
+        chosen = np.zeros(len(hypotheses), np.bool_)
+    rows = np.flatnonzero(chosen)
+    margin = np.array([_margin(now, int(k), nobody) for k in rows]) if len(rows) else np.zeros(0)
+    return Explanation(hypotheses=hypotheses, chosen=[int(k) for k in rows], margin=margin, state=now, seen=seen)
+
+
+def settle(
+    hypotheses: Floats,
+    left: Edges,
+    right: Edges,
+    taken: tuple[Counts, Counts],
+    frame: Frame,
+    tilt_share: float,
+    rounds: int,
+    spacing: float,
+    shift: Floats | None = None,
+    bias_sigma_px: Floats | None = None,
+) -> Floats:
+    """`refine` with what the look knows."""
+    part = frame.part
+    return refine(
+        hypotheses, left.table, left.at, taken[0], right.table, right.at, taken[1], frame.camera,
+        frame.level, LENGTH_SIGMA_SHARE, frame.unit, tilt_share,
+        frame.diameter_d / part.diameter_m, rounds, spacing,
+        np.zeros((len(hypotheses), 2, 2)) if shift is None else shift,
+        np.full((len(hypotheses), 2), UNSHADED_SIGMA_PX) if bias_sigma_px is None else bias_sigma_px,
+    )  # fmt: skip
+
+
+def _sound(hypotheses: Floats, frame: Frame) -> Bools:
+    """(N,) of the right length, and not in the table or in the air."""
+    ends = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    known = hypotheses[:, LENGTH]
+    good = np.where(known > 0, np.abs(length / np.where(known > 0, known, 1.0) - 1) < LENGTH_SHARE, length > 0)
+    for x, y, d in ((XA, YA, DA), (XB, YB, DB)):
+        at = hypotheses[:, [x, y]]
+        good &= hypotheses[:, d] > at @ frame.low[:2] + frame.low[2] - 0.3
+        good &= hypotheses[:, d] < at @ frame.high[:2] + frame.high[2] + 3.0
+    return np.asarray(good, np.bool_)
+
+
+def _state(
+    hypotheses: Floats, left: Edges, right: Edges, frame: Frame
+) -> tuple[Traits, choice.State]:
+    part = frame.part
+    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    space = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
+    rise = hypotheses[:, DA] - hypotheses[:, DB]
+    rise = rise - (hypotheses[:, [XA, YA]] - hypotheses[:, [XB, YB]]) @ frame.level[:2]
+    tilt = rise / frame.diameter_d * part.diameter_m / part.length_m
+    prior = -2 * frame.length_px * np.minimum(TILT_COST * tilt**2, MOST_TILT_COST)
+    prior = prior - np.where(hypotheses[:, KIND] < 0, 2 * STRAY_LENGTHS * frame.length_px, 0.0)
+    now = choice.state(
+        hypotheses, seen, left, right, space, prior, frame.length_px, frame.width_px, part.diameter_m,
+        frame.diameter_d,
+    )  # fmt: skip
+    return seen, now
+
+
+def _on_own_edges(
+    hypotheses: Floats, chosen: Bools, now: choice.State, left: Edges, right: Edges, frame: Frame
+) -> Floats:
+    """Every chosen part refined on the edges that no other claims, from nine places."""
+    nudges = [[0.0] * 6]
+    for a in (-NUDGE_PX, 0.0, NUDGE_PX):
+        for b in (-NUDGE_PX, 0.0, NUDGE_PX):
+            if a or b:
+                nudges.append([a / 2, 0, a, b / 2, 0, b])
+    moves = np.array(nudges)
+    added = []
+    nobody = np.zeros(len(chosen), np.bool_)
+    for k in np.flatnonzero(chosen).tolist():
+        choice.give_back(now, k)
+        near = np.repeat(hypotheses[k : k + 1], len(moves), axis=0)
+        near[:, 1:7] += moves
+        taken = (now.taken_l, now.taken_r)
+        settle(near, left, right, taken, frame, TILT_SHARES[1], 5, 3.0)
+        flat = hypotheses[k : k + 1].copy()
+        settle(flat, left, right, taken, frame, TILT_SHARES[0], 4, 3.0)
+        added += [near, flat]
+        choice.take(now, k, nobody)
+    if not added:
+        return np.zeros((0, COLUMNS))
+    found = np.concatenate(added)
+    return np.asarray(found[_sound(found, frame)], np.float64)
+
+
+def _margin(now: choice.State, k: int, nobody: Bools) -> float:
+    choice.give_back(now, k)
+    gain = choice.gain_of(k, now)
+    choice.take(now, k, nobody)
+    return float(gain)

@@ -1,0 +1,261 @@
+"""A part in space moved until its flanks and ends lie on the edges of both pictures.
+
+Six unknowns: column, row and disparity of both ends. Where the axis passes between two flanks the residual is
+their middle's offset, where one flank is seen it is that flank's offset at half the part's width, which is
+known in space: ``D d / B`` px. Ends are measured along the axis. Gauss-Newton with Tukey's weights; the known
+length and a weak belief that parts lie flat are two more observations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from vision.edges import Ids, Reals
+from vision.flank import Counts, nearest_edge, tip_offset
+from vision.jit import compiled
+from vision.types import Floats
+
+SCORE, XA, YA, DA, XB, YB, DB, UNIT, LENGTH, KIND = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+COLUMNS = 10
+"""A hypothesis: score, both ends (x, y, d), width over disparity, known length m (0: unknown), which
+product it is (-1: none of them)."""
+NARROWEST, WIDEST = 0.65, 1.35
+FLANK_SIGMA_PX, TIP_SIGMA_PX, HIDDEN_SIGMA_PX = 0.33, 0.4, 4.0
+ROW_SIGMA_PX = 0.05
+"""What a good calibration leaves between the rows of the two pictures."""
+ONE_FLANK_WEIGHT = 0.25
+"""One flank tells the middle only as well as the width is known."""
+CAP_AWAY, CAP_DOUBT, TOWARDS_DOUBT = 0.7, 0.2, 0.4
+"""Where an end is seen, in units of ``R |cos(axis, ray)|``. A sharp-edged face that looks away reaches to 0.87
+(the mean of ``sqrt(1 - t^2)`` over the five lanes), a rounded one to about half; the middle is taken and both are
+within the doubt."""
+DAMPING = 0.3
+LONGEST_STEP_PX = 3.0
+
+Bytes = npt.NDArray[np.uint8]
+
+
+@compiled
+def axis_length(p: Floats, fb: float, focal: float, cx: float, cy: float) -> float:
+    """Metres between the ends (x, y, d) of p (6,)."""
+    za, zb = fb / p[2], fb / p[5]
+    x = ((p[0] - cx) * za - (p[3] - cx) * zb) / focal
+    y = ((p[1] - cy) * za - (p[4] - cy) * zb) / focal
+    return float(np.sqrt(x * x + y * y + (za - zb) ** 2))
+
+
+@compiled
+def cap_px(
+    p: Floats, end: int, view: int, width: float, fb: float, focal: float, baseline: float, cx: float, cy: float
+) -> tuple[float, float]:
+    """How far beyond the axis' end its outline is seen, mean over the lanes, and how doubtful that is, px.
+
+    The end face is a disc across the axis, so its outline reaches ``R |cos|`` beyond its centre, cos between
+    axis and ray. Of a face that looks away the far rim is seen. Of one that looks towards the camera it
+    is the near rim where the face is dark and the far rim where it is bright: nobody knows which.
+    """
+    other = 3 - 3 * end
+    x, y, d = p[3 * end], p[3 * end + 1], p[3 * end + 2]
+    z = fb / d
+    zo = fb / p[other + 2]
+    px, py = (x - cx) * z / focal, (y - cy) * z / focal
+    ox, oy, oz = px - (p[other] - cx) * zo / focal, py - (p[other + 1] - cy) * zo / focal, z - zo
+    px -= view * baseline
+    size = np.sqrt(ox * ox + oy * oy + oz * oz) * np.sqrt(px * px + py * py + z * z)
+    away = (ox * px + oy * py + oz * z) / size
+    reach = 0.5 * width * abs(away)
+    if away > 0:
+        return CAP_AWAY * reach, CAP_DOUBT * reach
+    return 0.0, TOWARDS_DOUBT * reach
+
+
+@compiled
+def refine(
+    hypotheses: Floats,
+    table_l: Reals,
+    at_l: Ids,
+    taken_l: Counts,
+    table_r: Reals,
+    at_r: Ids,
+    taken_r: Counts,
+    camera: Floats,
+    level: Floats,
+    length_sigma: float,
+    unit: float,
+    tilt_share: float,
+    step_d: float,
+    rounds: int,
+    spacing: float,
+    shift: Floats,
+    bias_sigma: Floats,
+) -> Floats:
+    """Refines each hypothesis (N, `COLUMNS`) in place.
+
+    Parameters
+    ----------
+    taken_l, taken_r
+        Edges that count as somebody else's where not 0.
+    camera : (4,)
+        Focal length px, baseline m, principal point px.
+    level : (3,)
+        Disparity of the table as a plane; flat parts follow its slope.
+    length_sigma
+        As a share of the length.
+    unit
+        Expected width over disparity: diameter over baseline.
+    tilt_share, step_d
+        Deviation of the height difference of the ends, as a share of the length; disparity per metre of height, px.
+
+    shift : (N, 2, 2)
+        Where the low and the high flank are seen from their outlines in either view, along the normal, px.
+
+    bias_sigma : (N, 2)
+        Deviation of what still shifts all flanks of a part in one view alike, px.
+
+    Returns
+    -------
+    (N, 6, 6)
+        Normal matrix of the last step: its inverse is the covariance of the six numbers, px.
+    """
+    focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    fb = focal * baseline
+    normals = np.zeros((len(hypotheses), 6, 6))
+    matrix, own = np.zeros((6, 6)), np.zeros((6, 6))
+    right, row = np.zeros(6), np.zeros(6)
+    for h in range(len(hypotheses)):
+        p = hypotheses[h, 1:7].copy()
+        wide = hypotheses[h, UNIT]
+        length = hypotheses[h, LENGTH]
+        for turn in range(rounds):
+            reach = 2.4 if turn == 0 else (1.6 if turn < 3 else (1.1 if turn < 4 else 0.8))
+            matrix[:] = 0.0
+            right[:] = 0.0
+            spread, spread_of = 0.0, 0
+            for view in range(2):
+                table = table_l if view == 0 else table_r
+                at = at_l if view == 0 else at_r
+                taken = taken_l if view == 0 else taken_r
+                xa, ya = p[0] - view * p[2], p[1]
+                xb, yb = p[3] - view * p[5], p[4]
+                size = np.hypot(xb - xa, yb - ya)
+                if size < 5:
+                    continue
+                ux, uy = (xb - xa) / size, (yb - ya) / size
+                nx, ny = -uy, ux
+                steps = int(size / spacing)
+                aa = ab = bb = ra = rb = 0.0
+                whole = whole_a = whole_b = missed = 0.0
+                for q in range(steps):
+                    share = (q + 0.5) / steps
+                    # within a width of the ends the edge turns round the corner
+                    x, y = xa + share * (xb - xa), ya + share * (yb - ya)
+                    width = wide * (p[2] + share * (p[5] - p[2]))
+                    half = 0.5 * width
+                    if share * size < half or (1 - share) * size < half:
+                        continue
+                    high, off_high = nearest_edge(
+                        table, at, taken, x + nx * half, y + ny * half, -nx, -ny, reach
+                    )
+                    low, off_low = nearest_edge(
+                        table, at, taken, x - nx * half, y - ny * half, nx, ny, reach
+                    )
+                    if high < 0 and low < 0:
+                        continue
+                    off_low -= shift[h, view, 0]
+                    off_high += shift[h, view, 1]
+                    if high >= 0 and low >= 0:
+                        miss = 0.5 * (off_low - off_high)
+                        weight = 1.0
+                        spread += (width - off_high - off_low) / width
+                        spread_of += 1
+                    elif high >= 0:
+                        miss, weight = -off_high, ONE_FLANK_WEIGHT
+                    else:
+                        miss, weight = off_low, ONE_FLANK_WEIGHT
+                    weight *= (1 - (miss / (reach + 0.3)) ** 2) ** 2
+                    one = 1 - share
+                    aa += weight * one * one
+                    ab += weight * one * share
+                    bb += weight * share * share
+                    ra += weight * one * miss
+                    rb += weight * share * miss
+                    whole += weight
+                    whole_a += weight * one
+                    whole_b += weight * share
+                    missed += weight * miss
+                # what light and calibration shift a whole view by is an unknown of its own, eliminated (Schur)
+                scale = spacing / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
+                loose = bias_sigma[h, view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2
+                common = scale / (scale * whole + 1 / loose)
+                aa -= common * whole_a * whole_a
+                ab -= common * whole_a * whole_b
+                bb -= common * whole_b * whole_b
+                ra -= common * whole_a * missed
+                rb -= common * whole_b * missed
+                row[0], row[1], row[2] = nx, ny, -view * nx
+                for a in range(3):
+                    right[a] += scale * row[a] * ra
+                    right[3 + a] += scale * row[a] * rb
+                    for b in range(3):
+                        both = scale * row[a] * row[b]
+                        matrix[a, b] += both * aa
+                        matrix[a, 3 + b] += both * ab
+                        matrix[3 + a, b] += both * ab
+                        matrix[3 + a, 3 + b] += both * bb
+                for end in range(2):
+                    ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
+                    x, y = (xa, ya) if end == 0 else (xb, yb)
+                    width = wide * p[3 * end + 2]
+                    off, lanes, _ = tip_offset(
+                        table, at, taken, x, y, ox, oy, width, 3.5 if turn < 2 else 2.5
+                    )
+                    if lanes < 2:
+                        # a hidden end: the window says where it is, to a few pixels
+                        weight = 0.5 / (HIDDEN_SIGMA_PX * HIDDEN_SIGMA_PX)
+                        row[0], row[1], row[2] = ox, oy, -view * ox
+                        for a in range(3):
+                            for b in range(3):
+                                matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
+                        continue
+                    cap, doubt = cap_px(p, end, view, width, fb, focal, baseline, cx, cy)
+                    off -= cap
+                    weight = lanes / 5 / (TIP_SIGMA_PX * TIP_SIGMA_PX + doubt * doubt)
+                    row[0], row[1], row[2] = ox, oy, -view * ox
+                    for a in range(3):
+                        right[3 * end + a] += weight * row[a] * off
+                        for b in range(3):
+                            matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
+            now = axis_length(p, fb, focal, cx, cy)
+            for a in range(6):
+                moved = p.copy()
+                moved[a] += 1e-3
+                row[a] = (axis_length(moved, fb, focal, cx, cy) - now) / 1e-3
+            weight = 1 / (length_sigma * length) ** 2 if length > 0 else 0.0
+            for a in range(6):
+                right[a] += weight * row[a] * (length - now)
+                for b in range(6):
+                    matrix[a, b] += weight * row[a] * row[b]
+            tilt = p[2] - p[5] - level[0] * (p[0] - p[3]) - level[1] * (p[1] - p[4])
+            # Cauchy's law: most parts lie flat, and one that clearly does not is believed
+            usual = tilt_share * now * step_d
+            weight = 1 / (usual * usual + tilt * tilt)
+            matrix[2, 2] += weight
+            matrix[5, 5] += weight
+            matrix[2, 5] -= weight
+            matrix[5, 2] -= weight
+            right[2] -= weight * tilt
+            right[5] += weight * tilt
+            own[:] = matrix
+            for a in range(6):
+                matrix[a, a] += DAMPING
+            step = np.linalg.solve(matrix, right)
+            for a in range(6):
+                p[a] += min(max(step[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)
+            p[2], p[5] = max(p[2], 1.0), max(p[5], 1.0)
+            if spread_of * spacing > 20:
+                wide = min(max(wide * (0.5 + 0.5 * spread / spread_of), NARROWEST * unit), WIDEST * unit)
+        hypotheses[h, 1:7] = p
+        hypotheses[h, UNIT] = wide
+        normals[h] = own
+    return normals

@@ -1,0 +1,107 @@
+"""How far the rows of the two pictures are off, told by the ends of the parts themselves.
+
+An end is one point of space, so both pictures must show it in the same row; the lines of the parts say
+nothing of that, they only turn a row error into a wrong depth. One end is read to a third of a pixel, the
+median of all to a few hundredths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vision.edges import Edges
+from vision.explain import Explanation, Frame
+from vision.flank import nearest_edge, tip_offset
+from vision.jit import compiled
+from vision.refine import UNIT, cap_px
+from vision.types import Floats
+
+LEAST_ENDS = 4
+SIGNIFICANT_SIGMAS, SIGNIFICANT_PX = 4.0, 0.25
+"""An offset counts when it is this many of its deviations and this many px from nothing: a good rig is not
+made worse by its own noise."""
+REACH_PX = 4.5
+LANES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowOffset:
+    """``px`` by which right rows are below the left ones; ``sigma_px``; ``ends`` it was told by."""
+
+    px: float
+    sigma_px: float
+    ends: int
+
+    @property
+    def significant(self) -> bool:
+        """Worth correcting."""
+        far = abs(self.px) > max(SIGNIFICANT_PX, SIGNIFICANT_SIGMAS * self.sigma_px)
+        return self.ends >= LEAST_ENDS and far
+
+
+def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> RowOffset:
+    """The median over all ends that both pictures show."""
+    if not found.chosen:
+        return RowOffset(px=0.0, sigma_px=float("inf"), ends=0)
+    parts = np.ascontiguousarray(found.hypotheses[np.array(found.chosen)])
+    free = [np.zeros(len(of.table) + 1, np.uint16) for of in (left, right)]
+    rows = np.full((2, len(parts), 2), np.nan)
+    for view, of in enumerate((left, right)):
+        _end_rows(parts, view, of.table, of.at, free[view], frame.camera, rows[view])
+    apart = (rows[1] - rows[0]).reshape(-1)
+    apart = apart[np.isfinite(apart)]
+    if len(apart) < LEAST_ENDS:
+        return RowOffset(px=0.0, sigma_px=float("inf"), ends=len(apart))
+    middle = float(np.median(apart))
+    spread = 1.4826 * float(np.median(np.abs(apart - middle)))
+    return RowOffset(px=middle, sigma_px=1.2533 * max(spread, 0.1) / np.sqrt(len(apart)), ends=len(apart))
+
+
+@compiled
+def _end_rows(parts, view, table, at, free, camera, rows):  # type: ignore[no-untyped-def]
+    """Row of every end in one view, from where its face and the line of its flanks are seen there."""
+    focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    for h in range(len(parts)):
+        p = parts[h, 1:7]
+        xa, ya, xb, yb = p[0] - view * p[2], p[1], p[3] - view * p[5], p[4]
+        size = np.hypot(xb - xa, yb - ya)
+        ux, uy = (xb - xa) / size, (yb - ya) / size
+        nx, ny = -uy, ux
+        aa = ab = bb = ra = rb = 0.0
+        for q in range(int(size / 2)):
+            share = (q + 0.5) / int(size / 2)
+            x, y = xa + share * (xb - xa), ya + share * (yb - ya)
+            half = 0.5 * parts[h, UNIT] * (p[2] + share * (p[5] - p[2]))
+            if share * size < half or (1 - share) * size < half:
+                continue
+            e, off_high = nearest_edge(table, at, free, x + nx * half, y + ny * half, -nx, -ny, 2.5)
+            f, off_low = nearest_edge(table, at, free, x - nx * half, y - ny * half, nx, ny, 2.5)
+            if e < 0 or f < 0:
+                continue
+            miss = 0.5 * (off_low - off_high)
+            aa += (1 - share) ** 2
+            ab += share * (1 - share)
+            bb += share * share
+            ra += (1 - share) * miss
+            rb += share * miss
+        det = aa * bb - ab * ab
+        if aa + bb < 6 or det < 1e-3:
+            continue
+        off_a, off_b = (ra * bb - rb * ab) / det, (rb * aa - ra * ab) / det
+        for end in range(2):
+            ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
+            x, y = (xa, ya) if end == 0 else (xb, yb)
+            aside = off_a if end == 0 else off_b
+            width = parts[h, UNIT] * p[3 * end + 2]
+            off, lanes, _ = tip_offset(
+                table, at, free, x + aside * nx, y + aside * ny, ox, oy, width, REACH_PX
+            )
+            if lanes < LANES:
+                continue
+            cap, _ = cap_px(p, end, view, width, focal * baseline, focal, baseline, cx, cy)
+            rows[h, end] = y + aside * ny + (off - cap) * oy
+
+
+_ = Floats

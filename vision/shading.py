@@ -1,0 +1,198 @@
+"""Where the axis is between a lit and a dark flank.
+
+An edge detector puts a flank where grey changes most. On the lit side that is the outline; on the dark side
+grey falls before the outline is reached, the more the further round a camera sees, so the two pictures
+disagree in the same sense whatever the light: parts look too near. Here the mean light across each part
+is explained by what it is, a round rod under any distant light: Lambert's law gives
+``a + b x/r + c sqrt(1 - (x/r)^2)`` between the outlines at -r and r, blurred by the lens, whatever the light.
+The radius is known, the place is fitted; the camera's gamma and its blur are those that explain the profiles of
+the look best. What this says of flanks that look one way is common to a look, so it is pooled over all parts by
+the way their flanks look.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from vision.canvas import through_grid
+from vision.jit import compiled
+from vision.types import Bools, Floats
+
+HALF_SAMPLES = 14
+SAMPLES = 2 * HALF_SAMPLES + 1
+REACH = 1.5
+"""How far the profile is read to both sides, in radii."""
+LEAST_STATIONS = 8
+BLURS = (0.12, 0.15, 0.18, 0.21, 0.24, 0.27, 0.3, 0.34, 0.38)
+"""Lens, pixel and reading together, standard deviation in radii."""
+GAMMAS = (1.0, 2.2)
+"""Cameras either give numbers in proportion to light, or encoded as sRGB does."""
+PLACES = np.arange(-10, 11) * 0.03
+"""Places tried, in radii."""
+QUADRATURE = 64
+WORST_SHARE = 0.03
+"""A profile that a round rod misses by more of its contrast shows something else: a highlight, a neighbour."""
+LARGEST_RADII = 0.25
+OWN_STATIONS = 20.0
+"""Stations at which a part's own reading counts as much as that of all parts together."""
+POOLED_SPREAD_PX = 0.08
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flanks:
+    """Where the flanks of N parts are seen in two views, from their outlines along the part's normal, px.
+
+    ``low_px``, ``high_px`` (N, 2); ``stations`` (N, 2) how many places are behind it, 0 where nothing is
+    told; ``normal`` (N, 2, 2).
+    """
+
+    low_px: Floats
+    high_px: Floats
+    stations: Floats
+    normal: Floats
+
+
+@compiled
+def mean_profile(
+    light: Floats,
+    grey: npt.NDArray[np.uint8],
+    grid: Floats,
+    row_shift: float,
+    ends: Floats,
+    radius_a: float,
+    radius_b: float,
+    own: Bools,
+    profile: Floats,
+) -> int:
+    """Mean light across a part at its own stations; sample k is ``(k - HALF) / HALF * REACH * r`` off the axis.
+
+    ``light`` (256,) tells what a grey value means. Returns the number of stations inside the picture.
+    """
+    profile[:] = 0.0
+    count = 0
+    steps = len(own)
+    dx, dy = ends[2] - ends[0], ends[3] - ends[1]
+    size = np.hypot(dx, dy)
+    nx, ny = -dy / size, dx / size
+    rows, columns = grey.shape
+    line = np.empty(SAMPLES)
+    for q in range(steps):
+        if not own[q]:
+            continue
+        share = (q + 0.5) / steps
+        x, y = ends[0] + share * dx, ends[1] + share * dy - row_shift
+        radius = radius_a + share * (radius_b - radius_a)
+        ax, ay = through_grid(grid, x, y)
+        bx, by = through_grid(grid, x + nx, y + ny)
+        inside = True
+        for k in range(SAMPLES):
+            off = (k - HALF_SAMPLES) / HALF_SAMPLES * REACH * radius
+            px, py = ax + off * (bx - ax), ay + off * (by - ay)
+            i, j = int(px), int(py)
+            if px < 0 or py < 0 or i >= columns - 1 or j >= rows - 1:
+                inside = False
+                break
+            fx, fy = px - i, py - j
+            line[k] = (light[grey[j, i]] * (1 - fx) + light[grey[j, i + 1]] * fx) * (1 - fy) + (
+                light[grey[j + 1, i]] * (1 - fx) + light[grey[j + 1, i + 1]] * fx
+            ) * fy
+        if inside:
+            for k in range(SAMPLES):
+                profile[k] += line[k]
+            count += 1
+    if count > 0:
+        for k in range(SAMPLES):
+            profile[k] /= count
+    return count
+
+
+@lru_cache(maxsize=2)
+def light_of_grey(gamma: float) -> Floats:
+    """(256,) light, 0..1, that a grey value stands for."""
+    return np.asarray((np.arange(256) / 255.0) ** gamma, np.float64)
+
+
+def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
+    """Place of a round rod in each profile (N, `SAMPLES`), in radii, and what is left as a share of its contrast.
+
+    For a given place the five unknown levels (both backgrounds, a, b, c) are linear: what no choice of them
+    explains is a projection, one matrix for each place. The place is the vertex of the parabola through the best
+    three.
+    """
+    left = np.einsum("nk,pkl->npl", profiles, _unexplained(blur))
+    square = np.einsum("npl,npl->np", left, left)
+    at = np.clip(np.argmin(square, axis=1), 1, len(PLACES) - 2)
+    row = np.arange(len(profiles))
+    before, here, after = square[row, at - 1], square[row, at], square[row, at + 1]
+    bend = np.maximum(before - 2 * here + after, 1e-12)
+    off = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
+    contrast = np.maximum(profiles.max(axis=1) - profiles.min(axis=1), 1e-6)
+    rest = np.maximum(here - 0.25 * (before - after) * off, 0.0)
+    step = float(PLACES[1] - PLACES[0])
+    return PLACES[at] + step * off, np.asarray(np.sqrt(rest / SAMPLES) / contrast, np.float64)
+
+
+@lru_cache(maxsize=len(BLURS))
+def _unexplained(blur: float) -> Floats:
+    """(P, `SAMPLES`, `SAMPLES`) projections onto what a rod at each place cannot explain."""
+    angle = ((np.arange(QUADRATURE) + 0.5) / QUADRATURE - 0.5) * np.pi
+    sine, cosine = np.sin(angle), np.cos(angle)
+    where = (np.arange(SAMPLES) - HALF_SAMPLES) / HALF_SAMPLES * REACH
+    projections = []
+    for place in PLACES:
+        x = where - place
+        # x = r sin(angle): equal steps of the angle crowd at the outlines, where the light changes most
+        spread = np.exp(-0.5 * ((x[:, None] - sine) / blur) ** 2) * cosine
+        spread *= np.pi / QUADRATURE / (blur * np.sqrt(2 * np.pi))
+        inside = spread.sum(axis=1)
+        low = np.where(x < 0, 1 - inside, 0.0)
+        basis = np.column_stack(
+            [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1), (spread * cosine).sum(axis=1)]
+        )
+        q, _ = np.linalg.qr(basis)
+        projections.append(np.eye(SAMPLES) - q @ q.T)
+    return np.array(projections)
+
+
+def best_optics(profiles: dict[float, Floats]) -> tuple[float, float]:
+    """Gamma and blur that explain the profiles best; ``profiles`` holds the same ones for each gamma."""
+    best, least = (GAMMAS[0], BLURS[0]), np.inf
+    for gamma, of in profiles.items():
+        for blur in BLURS:
+            _, left = fit_rods(of, blur)
+            typical = float(np.median(left))
+            if typical < least:
+                best, least = (gamma, blur), typical
+    return best
+
+
+def pooled(found: Flanks) -> Floats:
+    """(N, 2, 2) px how far the low and the high flank are seen along the normal from their outlines.
+
+    For each view the inward shift of a flank is ``k0 + k1 nx + k2 ny`` of the way it looks, fitted over all
+    flanks with Huber's weights; a part's own reading counts beside it by its stations.
+    """
+    count = len(found.stations)
+    shift = np.zeros((count, 2, 2))
+    for view in range(2):
+        outward = np.concatenate([-found.normal[:, view], found.normal[:, view]])
+        inward = np.concatenate([found.low_px[:, view], -found.high_px[:, view]])
+        weight = np.concatenate([found.stations[:, view], found.stations[:, view]])
+        if not (weight > 0).any():
+            continue
+        basis = np.column_stack([np.ones(len(outward)), outward])
+        robust = weight.copy()
+        model = np.zeros(3)
+        for _ in range(4):
+            weighted = (basis * robust[:, None]).T
+            model = np.linalg.solve(weighted @ basis + np.diag([1.0, 20.0, 20.0]), weighted @ inward)
+            miss = np.abs(inward - basis @ model)
+            robust = weight * np.minimum(1.0, POOLED_SPREAD_PX / np.maximum(miss, 1e-9))
+        own = weight / (weight + OWN_STATIONS)
+        mixed = own * inward + (1 - own) * (basis @ model)
+        shift[:, view, 0], shift[:, view, 1] = mixed[:count], -mixed[count:]
+    return shift
