@@ -26,6 +26,7 @@ class Row:
     ratio: float
 
 
+SHORT: dict[Method, str] = {"published": "publ.", "default": "default"}
 MOST_NAMED = 12
 """Scenes a note names."""
 
@@ -39,7 +40,7 @@ NOTES = (
     "third; prec. (precision): right ones of all that were found; first: the first pick is right and "
     "pickable; free: it is offered, right, and nothing at all lies on it; over: of two found parts, one over "
     "the middle of the other, the upper one is ranked first / of all of which one lies over the other, the "
-    "detector says so (where it says anything). Right: middle within 5 mm across and 8 mm along "
+    "detector says so (one figure: both the same, or it says nothing). Right: middle within 5 mm across and 8 mm along "
     "the sight, axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
     "middle, end, axis: median/95th percentile of right ones. in 2σ: share of errors inside twice the stated "
     f"sigma (an honest detector has {EXPECTED_INSIDE:.0%} inside {SIGMAS:g}); - where none is stated. ms: "
@@ -66,21 +67,27 @@ def cells(one: Row) -> tuple[str, ...]:
     total = one.summary
     return (
         f"{one.family} ({total.looks})",
-        one.method,
+        SHORT[one.method],
         percent(total.recall),
         percent(total.pickable),
         percent(total.precision),
         percent(total.first),
         percent(total.free),
-        percent(total.ranked) + ("" if np.isnan(total.told) else f"/{percent(total.told)}"),
+        _pair(total.ranked, total.told),
         spread(total.middle_mm),
         spread(total.end_mm, 1),
         spread(total.axis_deg),
-        "-" if np.isnan(total.inside_m) else f"{percent(total.inside_m)}/{percent(total.inside_rad)}",
+        _pair(total.inside_m, total.inside_rad),
         milliseconds(one.first_ms),
         milliseconds(one.whole_ms),
         number(one.ratio, 1),
     )
+
+
+def _pair(first: float, second: float) -> str:
+    """Two shares; one where they are told alike, or where there is no second."""
+    told = [percent(first), percent(second)]
+    return told[0] if told[0] == told[1] or np.isnan(second) else "/".join(told)
 
 
 def by_size(family: str) -> tuple[str, int]:

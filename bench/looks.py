@@ -11,15 +11,15 @@ from skimage.morphology import skeletonize
 from bench.cases import Case
 from bench.machine import worked_ms
 from bench.scoring import Answer, LookScore, answer_of, score
-from cell.evaluate import EPIPOLAR_WIDTHS, SPUR_WIDTHS, STICK_TOLERANCE_M
+from cell.evaluate import EPIPOLAR_WIDTHS, HEIGHT_M, SPUR_WIDTHS, STICK_TOLERANCE_M
 from drivers.timing import MonotonicClock
 from vision.locate import locate
 from vision.quality import assess
-from vision.types import Candidate, Method, Scene, Tuning
+from vision.types import Candidate, Method, Refusal, Scene, Tuning
 
 METHODS: tuple[Method, ...] = ("published", "default")
 FIRST = "first"
-"""The stage at which a detector that answers in steps tells its first pick."""
+"""The stage at which a detector that answers in steps tells its first pick (or a scene not yet complete)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,9 +53,14 @@ class FirstTold:
         self.pick: Candidate | None = None
 
     def __call__(self, stage: str, product: object) -> None:
-        if stage == FIRST and isinstance(product, Candidate):
-            self.at_ms = worked_ms()
-            self.pick = product
+        match product:
+            case Candidate() if stage == FIRST:
+                self.pick = product
+            case Scene(complete=False) if product.offered:
+                self.pick = product.offered[0]
+            case _:
+                return
+        self.at_ms = worked_ms()
 
 
 def tuning_for(case: Case, method: Method) -> Tuning:
@@ -64,6 +69,7 @@ def tuning_for(case: Case, method: Method) -> Tuning:
     width_px = case.width_m * float(case.stereo.left.matrix[0, 0]) / distance_m
     return Tuning(
         method=method,
+        height_m=HEIGHT_M,
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )
@@ -119,6 +125,19 @@ def unusable(case: Case) -> str | None:
     return None
 
 
+def rows_disagree(scene: Scene) -> str | None:
+    """Why the detector offers nothing of what it found: the rows of the two pictures do not agree."""
+    reasons = [
+        refused
+        for candidate in scene.candidates
+        for refused in candidate.refusals
+        if refused.reason is Refusal.ROWS
+    ]
+    if scene.offered or not reasons:
+        return None
+    return f"{reasons[0].reason.value} ({reasons[0].value:.3g} {reasons[0].unit})"
+
+
 def look(case: Case, method: Method, repeats: int = 1) -> Look:
     """Look ``repeats`` times, the known thinning in between; times are medians, the answer is the last."""
     refused = unusable(case)
@@ -144,7 +163,7 @@ def look(case: Case, method: Method, repeats: int = 1) -> Look:
         family=case.family,
         name=case.name,
         method=method,
-        refused=None,
+        refused=rows_disagree(seen[-1].scene),
         score=score(answer_of(seen[-1].scene, seen[-1].told), case.truth),
         first_ms=statistics.median(one.first_ms for one in seen),
         whole_ms=statistics.median(one.whole_ms for one in seen),

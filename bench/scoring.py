@@ -377,13 +377,23 @@ def answer_of(scene: Scene, told: Candidate | None = None) -> Answer:
 
     ``told``: the first pick, if it was told before the rest.
     """
+    recognised = scene.recognised
+    place = {id(candidate): i for i, candidate in enumerate(recognised)}
+    found = [place.get(id(candidate)) for candidate in scene.candidates]
+    over = [(found[crossing.above], found[crossing.below]) for crossing in scene.crossings]
     return Answer(
-        found=tuple(found_of(candidate) for candidate in scene.recognised),
+        found=tuple(found_of(candidate) for candidate in recognised),
         segments=np.stack([scene.segments.start, scene.segments.end], axis=1),
+        over=tuple((i, j) for i, j in over if i is not None and j is not None) if over else None,
         told=None if told is None else found_of(told),
     )
 
 
 def found_of(candidate: Candidate) -> Found:
     """One candidate as the score sees it."""
-    return Found(ends=np.stack([candidate.start, candidate.end]), offered=candidate.offered)
+    return Found(
+        ends=np.stack([candidate.start, candidate.end]),
+        sigma_m=candidate.sigma_m,
+        sigma_rad=candidate.sigma_rad,
+        offered=candidate.offered,
+    )

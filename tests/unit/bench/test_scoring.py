@@ -12,8 +12,19 @@ import numpy as np
 import pytest
 
 from bench.cases import truth_from
-from bench.scoring import Answer, Crossing, Found, TruePart, Truth, score, summary
-from vision.types import Floats
+from bench.scoring import Answer, Crossing, Found, TruePart, Truth, answer_of, score, summary
+from vision.graph import trace
+from vision.types import (
+    Candidate,
+    Floats,
+    Matches,
+    Refusal,
+    Refused,
+    Scene,
+    Segments3D,
+    View,
+)
+from vision.types import Crossing as Over
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "scenes-dev"
 NONE = np.zeros((0, 2, 3))
@@ -165,6 +176,50 @@ def test_segments_count_when_they_lie_along_a_part_in_the_picture() -> None:
     got = score(Answer(found=(), segments=np.stack([half, nearer, elsewhere])), TRUTH)
 
     assert (got.segments_right, got.segments) == (1, 2)
+
+
+def candidate(one: TruePart, refusals: tuple[Refused, ...] = ()) -> Candidate:
+    start, end = one.ends
+    return Candidate(
+        part_code=1,
+        start=start,
+        end=end,
+        centre=one.ends.mean(axis=0),
+        axis=(end - start) / 0.1,
+        length_m=0.1,
+        nodes=one.ends,
+        score=1.0,
+        residual_px=0.0,
+        refusals=refusals,
+        sigma_m=0.001,
+        sigma_rad=0.01,
+    )
+
+
+def test_a_scene_is_read_as_offered_parts_first_with_sigmas_and_who_lies_on_whom() -> None:
+    under = Refused(reason=Refusal.CROSSED, value=1, limit=0, unit="1")
+    short = Refused(reason=Refusal.LENGTH, value=0.05, limit=0.1, unit="m")
+    blank = np.zeros((2, 2), np.uint8)
+    nothing = trace(blank > 0)
+    view = View(grey=blank, mask=blank > 0, skeleton=blank > 0, graph=nothing, band=(0, 255))
+    none = np.zeros(0, np.int64)
+    scene = Scene(
+        method="default",
+        candidates=(candidate(HIDDEN, (short,)), candidate(LOWER, (under,)), candidate(UPPER)),
+        segments=Segments3D(start=NONE[:, 0], end=NONE[:, 0], edge=none, residual_px=np.zeros(0)),
+        left=view,
+        right=view,
+        matches=Matches(left=none, right=none, cost_px=np.zeros(0), unmatched=0, ambiguous=0),
+        crossings=(Over(above=2, below=1, point=np.zeros(3), gap_m=0.0, sure=3.0),),
+    )
+
+    got = answer_of(scene)
+
+    assert [one.offered for one in got.found] == [True, False]
+    assert np.array_equal(got.found[0].ends, UPPER.ends)
+    assert got.found[0].sigma_m == 0.001
+    assert got.over == ((0, 1),)
+    assert score(got, TRUTH).truly == 1
 
 
 # ---------------------------------------------------------------------- against the scenes' own evaluator

@@ -44,7 +44,7 @@ def test_a_share_just_below_all_is_not_rounded_to_all(share: float, told: str) -
 
 
 def test_the_widest_accuracy_table_fits_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    shares = ("98", "100", "99.5", "100", "99.5", "98/98")
+    shares = ("98", "100", "99.5", "100", "99.5", "98/100")
     rows = (
         (
             "H40 (20)",
@@ -53,7 +53,7 @@ def test_the_widest_accuracy_table_fits_the_terminal(capsys: pytest.CaptureFixtu
             "1.37/3.03",
             "2.9/7.1",
             "1.57/4.35",
-            "95/96",
+            "95/100",
             "984",
             "1234",
             "52.8",
