@@ -40,8 +40,8 @@ NOTES = (
     "third; prec. (precision): right ones of all that were found; first: the first pick is right and "
     "pickable; free: it is offered, right, and nothing at all lies on it; over: of two found parts, one over "
     "the middle of the other, the upper one is ranked first / of all of which one lies over the other, the "
-    "detector says so (one figure: both the same, or it says nothing). Right: middle within 5 mm across and 8 mm along "
-    "the sight, axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
+    "detector says so (one figure: both the same, or it says nothing). Right: middle within 5 mm across and "
+    "8 mm along the sight, axis within 5°, length within 10 % (plates 8, 10 mm, 6°, 15 %), one to one.",
     "middle, end, axis: median/95th percentile of right ones. in 2σ: share of errors inside twice the stated "
     f"sigma (an honest detector has {EXPECTED_INSIDE:.0%} inside {SIGMAS:g}); - where none is stated. ms: "
     "of processor time, one pair, files read. all/thin: that over skimage.morphology.skeletonize of the same "

@@ -48,7 +48,7 @@ def test_the_widest_accuracy_table_fits_the_terminal(capsys: pytest.CaptureFixtu
     rows = (
         (
             "H40 (20)",
-            "published",
+            "default",
             *shares,
             "1.37/3.03",
             "2.9/7.1",
