@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.looks import Look, median_of
 from bench.scoring import EXPECTED_INSIDE, SIGMAS, Summary, summary
-from bench.tables import milliseconds, number, percent, spread
+from bench.tables import milliseconds, percent, spread
 from vision.types import Method
 
 
@@ -80,7 +80,7 @@ def cells(one: Row) -> tuple[str, ...]:
         _pair(total.inside_m, total.inside_rad),
         milliseconds(one.first_ms),
         milliseconds(one.whole_ms),
-        number(one.ratio, 1),
+        milliseconds(one.ratio),
     )
 
 

@@ -56,7 +56,7 @@ def test_the_widest_accuracy_table_fits_the_terminal(capsys: pytest.CaptureFixtu
             "95/100",
             "984",
             "1234",
-            "52.8",
+            "220",
         ),
     )
     assert len(rows[0]) == len(accuracy.HEADINGS)
