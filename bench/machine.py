@@ -80,7 +80,7 @@ def facts(load_before: str) -> tuple[tuple[str, str], ...]:
         ("day", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
         ("code", code()),
         ("processor", f"{processor()}, {len(os.sched_getaffinity(0))} cores for us of {os.cpu_count()}"),
-        ("load before / after (1, 5, 15 minutes)", f"{load_before} before, {load()} after"),
+        ("load (1, 5, 15 minutes)", f"{load_before} before, {load()} after"),
         ("Python", platform.python_version()),
         *((library, version(library)) for library in LIBRARIES),
     )
