@@ -197,7 +197,7 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
         grey=grey,
         mask=mask,
         skeleton=skeleton,
-        graph=graph.prune(graph.trace(skeleton), tuning.spur_px),
+        graph=graph.prune(graph.trace(skeleton), tuning.spur_px, mask),
         band=tuning.band or (min(255, round(found.floor_grey)), 255),
     )
 

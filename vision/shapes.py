@@ -185,9 +185,13 @@ def _foreground(grey: Grey, width_px: float) -> Foreground:
     rows, columns = grey.shape
     small = cv2.resize(grey, (columns // shrink, rows // shrink), interpolation=cv2.INTER_AREA)
     found = stands_out(np.asarray(small, np.uint8), width_px / shrink)
-    mask = cv2.resize(found.mask.astype(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST)
+    mask, ground = (
+        np.asarray(cv2.resize(of.view(np.uint8), (columns, rows), interpolation=cv2.INTER_NEAREST) > 0)
+        for of in (found.mask, found.ground)
+    )
     return Foreground(
-        mask=read_only(np.asarray(mask > 0)),
+        mask=read_only(mask),
+        ground=read_only(ground),
         contrast_grey=found.contrast_grey,
         floor_grey=found.floor_grey,
         noise_grey=found.noise_grey,
