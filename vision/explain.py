@@ -90,16 +90,15 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
         seen, now = _state(hypotheses, left, right, frame)
-        rivals = choice.rivals_of(now)
         nobody = np.zeros(len(hypotheses), np.bool_)
         chosen[:] = False
         choice.greedy(now, chosen)
         for _ in range(2):
-            if not choice.exchange(now, chosen, rivals):
+            if not choice.exchange(now, chosen):
                 break
             choice.greedy(now, chosen)
         if turn > 0:
-            choice.deepen(now, chosen, rivals, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
+            choice.deepen(now, chosen, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
         if turn == ROUNDS - 1:
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
