@@ -30,7 +30,7 @@ THROUGH = 0.6
 """Axes nearer than this share of the diameter pass through each other."""
 THROUGH_LENGTHS = 0.25
 PARALLEL = 0.97
-BELOW_SHARE, ABOVE_SHARE, CROSSING = 0.35, 0.5, 0.95
+BELOW_SHARE, ABOVE_SHARE, CROSSING, ALONG = 0.35, 0.5, 0.95, 0.985
 """A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
 along it (cosine), from the second share above it."""
 MOST_COVERS = 64
@@ -330,6 +330,9 @@ def take(s: State, k: int, alive: Bools) -> None:
             first, last = s.spans[at_near, view, 0], s.spans[at_near, view, 1]
             above = s.pair[at_near, 2 + view]
             at = s.covered[h, view]
+            if cosine > ALONG:
+                # a part right below another of its own direction explains nothing
+                continue
             if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
                 s.covers[h, view, at, 0] = k
                 s.covers[h, view, at, 1] = first
