@@ -11,6 +11,7 @@ from cell import frames
 from cell.emptiness import is_empty
 from cell.faults import VisionFailed
 from cell.logs import logger
+from cell.pictures import require_colour
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
 from cell.station import Look, Stage, Station
 from cell.stopwatch import StageTimes
@@ -157,6 +158,7 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
     with times.stage(station, Stage.LOOK):
         pair = station.rig.grab_pair(newer_than=clear_at, timeout_s=station.cameras.look_timeout_s)
         left, right = station.pictures.check(pair)
+        colour = None if part.colour is None else require_colour(pair.left, part.name)
     with times.stage(station, Stage.FIND):
         watch = StageTimes(station.clock)
         try:
@@ -168,6 +170,7 @@ def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> 
                 station.tuning,
                 station.table,
                 observe=watch,
+                colour_left=colour,
             )
         except (ValueError, ArithmeticError, IndexError, RuntimeError) as error:
             raise VisionFailed(f"{type(error).__name__}: {error}") from error

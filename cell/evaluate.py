@@ -14,9 +14,10 @@ from cell import scenes
 from cell.calibration import Calibration
 from cell.errors import CalibrationError, UsageError
 from drivers.timing import MonotonicClock
+from drivers.types import Pixels
 from vision.locate import locate
 from vision.quality import assess
-from vision.types import Floats, Grey, Method, Scene, Tuning
+from vision.types import Floats, Grey, Method, PartModel, Scene, Tuning
 
 # How far a length may be off. The published method measures between skeleton ends in whole pixels of
 # disparity (3.3 mm of depth each at 400 mm), so a narrow gate costs it more recall than it saves false
@@ -34,7 +35,7 @@ EPIPOLAR_WIDTHS: Final = 0.3
 HEIGHT_M: Final = (-0.005, 0.100)
 """Scenes say nothing of heights; parts may stand on blocks or on each other."""
 
-Result = dict[str, "str | float | list[Detection] | list[list[list[float]]]"]
+Result = dict[str, "str | float | list[str] | list[Detection] | list[list[list[float]]]"]
 Detection = dict[str, "str | int | float | list[float] | list[list[float]]"]
 
 
@@ -99,13 +100,30 @@ def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method, w
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )
+    colour = scenes.colour(scene) if part.colour is not None else None
+    notes = _why_no_colour(part, colour, method)
+    if notes:
+        part, colour = replace(part, colour=None), None
     if not warm:
-        locate(left, right, rig.stereo, part, tuning, rig.table)
+        locate(left, right, rig.stereo, part, tuning, rig.table, colour_left=colour)
     clock = MonotonicClock()
     started_at = clock.now()
-    seen = locate(left, right, rig.stereo, part, tuning, rig.table)
+    seen = locate(left, right, rig.stereo, part, tuning, rig.table, colour_left=colour)
     took_s = clock.now() - started_at
-    return _result(scene.name, wanted.cls, seen, took_s)
+    return {**_result(scene.name, wanted.cls, seen, took_s), "notes": notes}
+
+
+def _why_no_colour(part: PartModel, colour: Pixels | None, method: Method) -> list[str]:
+    """Why the colour that was asked for is left out of account, in words; empty when it is not."""
+    if part.colour is None:
+        return []
+    if colour is None:
+        return ["colour ignored: the left picture is grey"]
+    if method == "published":
+        return ["colour ignored: the published method does not look at it"]
+    if part.topology is not None:
+        return ["colour ignored: it is told for straight parts only"]
+    return []
 
 
 def _width_px(wanted: scenes.Request, rig: Calibration) -> float:

@@ -16,6 +16,7 @@ from rich.table import Table
 from cell import calibration, frames, wiring
 from cell import config as configuration
 from cell.calibration import Calibration
+from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, UsageError
 from cell.missed import MissedParts
@@ -84,6 +85,7 @@ def from_files(left: Path, right: Path, calibration_path: Path, part_path: Path,
     if depth is None and known.table is not None:
         depth = calibration.depth_bounds_m(known, known.table, tuning.height_m)
     _refuse_too_long(part, known, depth)
+    _refuse_colour(part, pixels[0], str(left), tuning)
     return Sight(
         left=pixels[0],
         right=pixels[1],
@@ -124,6 +126,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
     tuning = config.tuning.tuning()
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
+    _refuse_colour(part, pair.left.pixels, pair.left.camera, tuning)
     return Sight(
         left=pair.left.pixels,
         right=pair.right.pixels,
@@ -148,6 +151,7 @@ def look(sight: Sight, out: Path, console: Console) -> int:
         sight.tuning,
         sight.table,
         observe=times,
+        colour_left=None if sight.part.colour is None else in_colour(sight.left),
     )
     plans = _plans(sight, scene)
     overlay = draw(sight.left, scene, sight.known.stereo, sight.part.model())
@@ -200,6 +204,21 @@ def _refuse_too_long(part: PartConfig, known: Calibration, depth: tuple[float, f
         )
 
 
+def _refuse_colour(part: PartConfig, left: Pixels, left_name: str, tuning: Tuning) -> None:
+    """Raise `UsageError` where the part is told by its colour and colour cannot be told."""
+    if part.colour is None:
+        return
+    if tuning.method == "published":
+        raise UsageError(
+            f"part {part.name}: the published method does not look at colour; leave out --method"
+        )
+    if in_colour(left) is None:
+        raise UsageError(
+            f"{left_name}: the picture is grey, but part {part.name} is told by its colour; give a picture "
+            "in colour or leave out the part's colour"
+        )
+
+
 def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
     """Plans by the identity of their candidate, where the robot's place is known from a configuration."""
     if sight.config is None:
@@ -230,6 +249,11 @@ def _why(candidate: Candidate, plan: Plan | None) -> list[tuple[str, float, floa
     return listed
 
 
+def _number(value: float, digits: int = 6) -> float | None:
+    """A number for JSON, which has no infinity and no NaN: those are null."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
 def _numbers(array: Floats) -> list[Json]:
     return [round(float(v), 6) for v in array]
 
@@ -258,14 +282,13 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             entry["end_base_m"] = _numbers(transforms.apply(base, candidate.end))
         if plan is not None and plan.pick is not None:
             entry["grasp_base"] = [round(v, 6) for v in plan.pick.grasp.six()]
-            room = plan.pick.clearance_m  # JSON has no infinity: null where nothing else is seen
-            entry["clearance_m"] = round(room, 6) if math.isfinite(room) else None
+            entry["clearance_m"] = _number(plan.pick.clearance_m)  # null where nothing else is seen
         candidates.append(entry)
     segments: list[Json] = [
         {
             "start_m": _numbers(scene.segments.start[i]),
             "end_m": _numbers(scene.segments.end[i]),
-            "residual_px": round(float(scene.segments.residual_px[i]), 4),
+            "residual_px": _number(float(scene.segments.residual_px[i]), 4),
         }
         for i in range(len(scene.segments.start))
     ]
