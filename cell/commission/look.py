@@ -32,7 +32,8 @@ from vision.locate import locate
 from vision.types import Candidate, Floats, Plane, Refused, Scene, Tuning
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
+"""2: ``residual_px`` of a segment that nobody explains is null; sigmas, crossings, row offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,7 +142,10 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
 
 
 def look(sight: Sight, out: Path, console: Console) -> int:
-    """Find, draw, write ``overlay.png`` and ``look.json`` into ``out``, print a table; exit code 0."""
+    """Find, draw, write ``overlay.png`` and ``look.json`` into ``out``, print a table; exit code 0.
+
+    In the table ± is one standard deviation, "under" the order of whatever lies over a part.
+    """
     times = StageTimes(MonotonicClock())
     scene = locate(
         _grey(sight.left),
@@ -166,6 +170,12 @@ def look(sight: Sight, out: Path, console: Console) -> int:
     except OSError as error:
         raise UsageError(f"{out}: cannot be written: {error.strerror}") from error
     console.print(_table(scene, plans))
+    if scene.row_offset_px:
+        console.print(
+            f"the rows of the right picture are {scene.row_offset_px:+.2f} px off the calibration "
+            "(corrected for this look): calibrate the cameras again",
+            soft_wrap=True,
+        )
     console.print(
         f"{len(scene.offered)} offered, {len(scene.candidates) - len(scene.offered)} refused; "
         f"method {scene.method}; {out / 'overlay.png'}, {out / 'look.json'}",
@@ -271,7 +281,9 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             "nodes_m": [_numbers(node) for node in candidate.nodes],
             "length_m": round(candidate.length_m, 6),
             "score": round(candidate.score, 4),
-            "residual_px": round(candidate.residual_px, 4),
+            "residual_px": _number(candidate.residual_px, 4),
+            "sigma_m": _number(candidate.sigma_m),
+            "sigma_rad": _number(candidate.sigma_rad),
             "refusals": [
                 {"reason": name, "value": round(value, 6), "limit": round(limit, 6), "unit": unit}
                 for name, value, limit, unit in _why(candidate, plan)
@@ -291,6 +303,16 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             "residual_px": _number(float(scene.segments.residual_px[i]), 4),
         }
         for i in range(len(scene.segments.start))
+    ]
+    crossings: list[Json] = [
+        {
+            "above": crossing.above + 1,  # the candidates' order
+            "below": crossing.below + 1,
+            "point_m": _numbers(crossing.point),
+            "gap_m": _number(crossing.gap_m),
+            "sure": _number(crossing.sure, 4),
+        }
+        for crossing in scene.crossings
     ]
     views: dict[str, Json] = {
         name: {
@@ -314,6 +336,8 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
         "views": views,
         "segments": segments,
         "candidates": candidates,
+        "crossings": crossings,
+        "row_offset_px": _number(scene.row_offset_px, 4),
         "durations_s": {name: round(seconds, 5) for name, seconds in times.durations_s.items()},
     }
 
@@ -322,8 +346,12 @@ def _table(scene: Scene, plans: dict[int, Plan]) -> Table:
     table = Table(title=None)
     for heading, justify in (("order", "right"), ("length mm", "right"), ("centre mm (left camera)", "left")):
         table.add_column(heading, justify="right" if justify == "right" else "left")
-    table.add_column("score", justify="right")
+    for heading in ("score", "± mm", "± °", "under"):
+        table.add_column(heading, justify="right")
     table.add_column("offered, or why not")
+    under: dict[int, list[int]] = {}
+    for crossing in scene.crossings:
+        under.setdefault(crossing.below + 1, []).append(crossing.above + 1)
     for order, candidate in enumerate(scene.candidates, start=1):
         why = _why(candidate, plans.get(id(candidate)))
         x, y, z = (1000 * float(v) for v in candidate.centre)
@@ -332,9 +360,17 @@ def _table(scene: Scene, plans: dict[int, Plan]) -> Table:
             f"{1000 * candidate.length_m:.1f}",
             f"{x:.1f}, {y:.1f}, {z:.1f}",
             f"{candidate.score:.2f}",
+            _shown(1000 * candidate.sigma_m, 2),
+            _shown(math.degrees(candidate.sigma_rad), 2),
+            ", ".join(str(above) for above in sorted(under.get(order, ()))),
             "; ".join(_said(*reason) for reason in why) if why else "[green]offered[/green]",
         )
     return table
+
+
+def _shown(value: float, digits: int) -> str:
+    """A number for people; nothing where the method does not tell it."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
 def _said(name: str, value: float, limit: float, unit: str) -> str:
