@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import Canvas, in_space, points_through_grid
+from vision.canvas import in_space, points_through_grid
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
 from vision.polish import BEYOND_SHARES, Measured, sigmas
@@ -39,7 +39,7 @@ WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
-PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.1, 0.3, 0.9
+PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
 """Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
 certain at first sight."""
 COLOUR_SAMPLES = 40
@@ -100,7 +100,7 @@ def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
     k = found.chosen[row]
     if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
         return False
-    if (found.state.tip_value[k].mean(axis=2) < PLAIN_TIP).any():
+    if (found.state.tip_value[k].mean(axis=2).max(axis=0) < PLAIN_TIP).any():
         return False
     for view in range(2):
         steps = int(found.state.samples[k, view])
@@ -308,24 +308,17 @@ def _crossings(
     return tuple(found)
 
 
-def unexplained(pieces: Floats, measured: Measured, on: Canvas, width_px: float) -> Floats:
-    """(U, 2, 2) left canvas ends of straight skeleton pieces that no part lies along."""
-    left = []
-    for piece in pieces:
-        middle = piece.mean(axis=0)
-        way = piece[1] - piece[0]
-        size = float(np.linalg.norm(way))
-        own = False
-        for part in measured.parts:
-            a, b = part[1:3], part[4:6]
-            along = (b - a) / np.linalg.norm(b - a)
-            away = middle - a
-            t = float(away @ along)
-            off = abs(float(-away[0] * along[1] + away[1] * along[0]))
-            inside = -width_px < t < float(np.linalg.norm(b - a)) + width_px
-            if inside and off < 0.7 * width_px and abs(float(way @ along)) > 0.9 * size:
-                own = True
-                break
-        if not own:
-            left.append(piece)
-    return np.array(left, np.float64).reshape(-1, 2, 2)
+def unexplained(pieces: Floats, measured: Measured, width_px: float) -> Floats:
+    """(U, 2, 2) left canvas ends of straight skeleton pieces (K, 2, 2) that no part lies along."""
+    if len(measured.parts) == 0 or len(pieces) == 0:
+        return pieces
+    start, end = measured.parts[:, 1:3], measured.parts[:, 4:6]
+    size = np.linalg.norm(end - start, axis=1)
+    along = (end - start) / size[:, None]
+    way = pieces[:, 1] - pieces[:, 0]
+    away = pieces.mean(axis=1)[:, None] - start[None]
+    place = (away * along[None]).sum(axis=2)
+    off = np.abs(away[..., 1] * along[:, 0] - away[..., 0] * along[:, 1])
+    aligned = np.abs(way @ along.T) > 0.9 * np.linalg.norm(way, axis=1)[:, None]
+    own = aligned & (off < 0.7 * width_px) & (place > -width_px) & (place < size[None] + width_px)
+    return np.asarray(pieces[~own.any(axis=1)], np.float64)

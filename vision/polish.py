@@ -135,11 +135,8 @@ def sigmas(part: Floats, covariance: Floats, frame: Frame) -> tuple[float, float
     """
     ends = part[1:7].reshape(2, 3)
     here = in_space(ends, frame.on)
-    slope = np.zeros((6, 6))
-    for n in range(6):
-        moved = part[1:7].copy()
-        moved[n] += STEP_PX
-        slope[:, n] = ((in_space(moved.reshape(2, 3), frame.on) - here) / STEP_PX).reshape(-1)
+    moved = np.repeat(part[1:7][None], 6, axis=0) + STEP_PX * np.eye(6)
+    slope = ((in_space(moved.reshape(6, 2, 3), frame.on) - here) / STEP_PX).reshape(6, 6).T
     in_metres = slope @ covariance @ slope.T
     mean = 0.5 * np.concatenate([np.eye(3), np.eye(3)], axis=1)
     centre = mean @ in_metres @ mean.T

@@ -221,7 +221,8 @@ def _slide(
                 any_good = False
                 for q in range(size):
                     score[q] = NOTHING
-                for s in range(-reach + beyond, reach - beyond - 8):
+                # every other px: refinement does the rest
+                for s in range(-reach + beyond, reach - beyond - 8, 2):
                     if alone[i, s + reach] < -0.15 * length_px:
                         continue
                     da = d0 + s * slope
