@@ -44,9 +44,10 @@ def crossed(parts: Floats, covariance: Floats, rows: list[int], state: State, fr
             nearer = (1 - s) * parts[i, 3] + s * parts[i, 6] - (1 - t) * parts[k, 3] - t * parts[k, 6]
             variance = _variance(covariance[i], s) + _variance(covariance[k], t)
             sigma = float(np.sqrt(variance + (LEAST_SIGMA_D * frame.diameter_d) ** 2))
-            flanks = _through(state, rows[i], s, parts[i], parts[k]) - _through(
-                state, rows[k], t, parts[k], parts[i]
-            )
+            flanks = 0.0
+            if abs(nearer) < FLANK_WEIGHT * sigma:
+                flanks = _through(state, rows[i], s, parts[i], parts[k])
+                flanks -= _through(state, rows[k], t, parts[k], parts[i])
             z = nearer / sigma + FLANK_WEIGHT * flanks
             place[i, k], place[k, i] = s, t
             gap[i, k], gap[k, i] = nearer, -nearer
