@@ -61,7 +61,9 @@ def stands_out(grey: Grey, width_px: float) -> Foreground:
     strongest = np.asarray(cv2.dilate(contrast, np.ones((near, near), np.uint8)), np.uint8)
     half = np.asarray(cv2.convertScaleAbs(strongest, alpha=_HALF), np.uint8)
     mask = contrast > np.maximum(half, np.uint8(min(least, 255.0)))
-    ground = contrast > np.uint8(min(max(_LEAST_CONTRAST_GREY, _FIFTH * typical), 255.0))
+    # where nothing stands out there is nothing to be dim or shaded either
+    low = max(_LEAST_CONTRAST_GREY, _FIFTH * typical) if typical > 0 else least
+    ground = contrast > np.uint8(min(low, 255.0))
     return Foreground(
         mask=read_only(mask),
         ground=read_only(ground),
