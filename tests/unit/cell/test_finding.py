@@ -315,7 +315,7 @@ def test_a_stop_while_the_scene_is_explained_ends_order_and_detector(
     def endless(*_: object, observe: Observer, **__: object) -> Scene:
         stop.stop("abort by the PLC")
         try:
-            for _ in range(5_000_000):
+            for _turn in range(5_000_000):
                 observe("explain", None)
         except Exception as error:
             ended.append(type(error).__name__)
