@@ -36,8 +36,12 @@ format: $(VENV)/.dev  ## rewrite the code in the project's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/.run  ## both methods on rendered piles: the README's second table (about a minute)
-	$(BIN)/python -m bench.detector
+$(VENV)/.bench: $(VENV)/.run requirements/bench.lock
+	$(PIP) install --quiet --require-hashes -r requirements/bench.lock
+	@touch $@
+
+bench: $(VENV)/.bench  ## accuracy, peers, robustness, speed into docs/benchmarks.md, about five minutes (SCENES=FOLDER BENCH="--effort long")
+	$(BIN)/python -m bench.report --out docs/benchmarks.md $(if $(SCENES),--scenes "$(SCENES)") $(BENCH)
 
 # needs `uv` on the path; everybody else installs from the locks as they are
 lock:  ## make requirements/*.lock anew from pyproject.toml
@@ -46,6 +50,9 @@ lock:  ## make requirements/*.lock anew from pyproject.toml
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
 	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group dev \
 	  -c requirements/run.lock -o requirements/dev.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group bench \
+	  -c requirements/run.lock -o requirements/bench.lock
 
 clean:  ## remove what the commands above made
 	rm -rf $(VENV) demo-out look-out results build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vision.choice import State
 from vision.explain import Frame
@@ -36,18 +37,17 @@ def crossed(parts: Floats, covariance: Floats, rows: list[int], state: State, fr
     count = len(parts)
     above, sure = np.zeros((count, count)), np.zeros((count, count))
     place, gap = np.full((count, count), np.nan), np.zeros((count, count))
+    shares, crosses = _meetings(parts)
     for i in range(count):
-        for k in range(i + 1, count):
-            met = _meet(parts[i], parts[k])
-            if met is None:
-                continue
-            s, t = met
+        for k in np.flatnonzero(crosses[i, i + 1 :]) + i + 1:
+            s, t = float(shares[i, k]), float(shares[k, i])
             nearer = (1 - s) * parts[i, 3] + s * parts[i, 6] - (1 - t) * parts[k, 3] - t * parts[k, 6]
             variance = _variance(covariance[i], s) + _variance(covariance[k], t)
             sigma = float(np.sqrt(variance + (LEAST_SIGMA_D * frame.diameter_d) ** 2))
-            flanks = _through(state, rows[i], s, parts[i], parts[k]) - _through(
-                state, rows[k], t, parts[k], parts[i]
-            )
+            flanks = 0.0
+            if abs(nearer) < FLANK_WEIGHT * sigma:
+                flanks = _through(state, rows[i], s, parts[i], parts[k])
+                flanks -= _through(state, rows[k], t, parts[k], parts[i])
             z = nearer / sigma + FLANK_WEIGHT * flanks
             place[i, k], place[k, i] = s, t
             gap[i, k], gap[k, i] = nearer, -nearer
@@ -55,6 +55,16 @@ def crossed(parts: Floats, covariance: Floats, rows: list[int], state: State, fr
             above[upper, lower] = min(1.0, max(0.1, abs(nearer) / frame.diameter_d))
             sure[upper, lower] = abs(z)
     return Crossed(above=above, sure=sure, place=place, gap=gap)
+
+
+def some_crossed(found: Crossed, count: int) -> Crossed:
+    """The crossings among the first ``count`` parts only."""
+    return Crossed(
+        above=found.above[:count, :count],
+        sure=found.sure[:count, :count],
+        place=found.place[:count, :count],
+        gap=found.gap[:count, :count],
+    )
 
 
 def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
@@ -75,17 +85,15 @@ def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
     return order
 
 
-def _meet(one: Floats, other: Floats) -> tuple[float, float] | None:
-    """Shares of two parts' left images where they cross."""
-    a, b = one[4:6] - one[1:3], other[4:6] - other[1:3]
-    cross = float(a[0] * b[1] - a[1] * b[0])
-    if abs(cross) < 1e-6:
-        return None
-    away = other[1:3] - one[1:3]
-    s = float(away[0] * b[1] - away[1] * b[0]) / cross
-    t = float(away[0] * a[1] - away[1] * a[0]) / cross
-    low, high = -CLOSE_SHARE, 1 + CLOSE_SHARE
-    return (s, t) if low <= s <= high and low <= t <= high else None
+def _meetings(parts: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """(C, C) where on the left image of part i it crosses that of k, share of its length; whether it does."""
+    start, way = parts[:, 1:3], parts[:, 4:6] - parts[:, 1:3]
+    cross = way[:, None, 0] * way[None, :, 1] - way[:, None, 1] * way[None, :, 0]
+    away = start[None] - start[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (away[..., 0] * way[None, :, 1] - away[..., 1] * way[None, :, 0]) / cross
+    inside = (np.abs(cross) > 1e-6) & (share >= -CLOSE_SHARE) & (share <= 1 + CLOSE_SHARE)
+    return np.asarray(share, np.float64), inside & inside.T
 
 
 def _variance(covariance: Floats, share: float) -> float:
@@ -101,7 +109,7 @@ def _through(state: State, row: int, share: float, own: Floats, other: Floats) -
     reach = 0.5 * float(np.mean(state.width[row])) / max(sine, 0.15) / float(np.hypot(*a))
     seen = []
     for view in range(2):
-        steps = int(state.count[row, view])
+        steps = int(state.samples[row, view])
         first = max(0, int((share - reach) * steps))
         last = min(steps, int(np.ceil((share + reach) * steps)))
         if last > first:

@@ -40,7 +40,13 @@ class Edges:
 
 
 def edges(
-    grey: Grey, mask: Mask, ground: Mask, contrast_grey: float, on: Canvas, side: int, row_shift_px: float = 0.0
+    grey: Grey,
+    mask: Mask,
+    ground: Mask,
+    contrast_grey: float,
+    on: Canvas,
+    side: int,
+    row_shift_px: float = 0.0,
 ) -> Edges:
     """The edges in and near a mask.
 

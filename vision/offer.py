@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import Canvas, in_space, points_through_grid
+from vision.canvas import in_space, points_through_grid
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
 from vision.polish import BEYOND_SHARES, Measured, sigmas
@@ -39,6 +39,9 @@ WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
+PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
+"""Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
+certain at first sight."""
 COLOUR_SAMPLES = 40
 COLOUR_INNER = 0.5
 """Colour is read within this share of the half width; further out light and neighbours mix in."""
@@ -74,7 +77,9 @@ def candidates(
         length = float(np.linalg.norm(ends[1] - ends[0]))
         if not frame.part.length_m / NEAR_LENGTHS < length < frame.part.length_m * NEAR_LENGTHS:
             continue
-        made.append((row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px)))
+        made.append(
+            (row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px))
+        )
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
@@ -88,6 +93,20 @@ def candidates(
         crossings=_crossings(measured, over, frame, place),
         rows=rows,
     )
+
+
+def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
+    """A product seen whole in both pictures, with both ends: no later choice will take it away."""
+    k = found.chosen[row]
+    if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
+        return False
+    if (found.state.tip_value[k].mean(axis=2).max(axis=0) < PLAIN_TIP).any():
+        return False
+    for view in range(2):
+        steps = int(found.state.samples[k, view])
+        if float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()) < PLAIN_BOTH:
+            return False
+    return True
 
 
 def _is_vague(candidate: Candidate) -> bool:
@@ -124,9 +143,7 @@ def _candidate(
     if sigma_m > vague:
         reasons.append(Refused(reason=Refusal.VAGUE, value=sigma_m, limit=vague, unit="m"))
     if abs(row_offset_px) > MOST_ROW_OFFSET_PX:
-        reasons.append(
-            Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px")
-        )
+        reasons.append(Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px"))
     if score < tuning.min_score - 1e-9:
         reasons.append(Refused(reason=Refusal.LOW_SCORE, value=score, limit=tuning.min_score, unit="1"))
     return Candidate(
@@ -170,7 +187,7 @@ def _shape_reasons(
         reasons.append(Refused(reason=Refusal.WIDTH, value=width * part.diameter_m, limit=limit, unit="m"))
     both, outside = [], []
     for view in range(2):
-        steps = int(found.state.count[k, view])
+        steps = int(found.state.samples[k, view])
         both.append(float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()))
         outside.append(float((found.state.ground[k, view, :steps] == 2).mean()))
     share = float(np.mean(both))
@@ -219,7 +236,7 @@ def colour_reasons(
     part: Floats, found: Explanation, k: int, wanted: ColourRange, colour: Colour, frame: Frame
 ) -> list[Refused]:
     """Another colour, by the median over the samples of the left picture where both flanks are seen."""
-    steps = int(found.state.count[k, 0])
+    steps = int(found.state.samples[k, 0])
     own = np.flatnonzero((found.state.value[k, 0, :steps] > 0).all(axis=1))
     if len(own) == 0:
         own = np.arange(steps)
@@ -228,7 +245,9 @@ def colour_reasons(
     way = (b - a) / np.linalg.norm(b - a)
     normal = np.array([-way[1], way[0]])
     half = COLOUR_INNER * 0.5 * frame.unit * (part[3] + share * (part[6] - part[3]))
-    lanes = [a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    lanes = [
+        a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    ]
     at = np.rint(points_through_grid(frame.on.to_raw[0], np.concatenate(lanes))).astype(np.int64)
     rows, columns = colour.shape[:2]
     at = at[(at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)]
@@ -289,24 +308,17 @@ def _crossings(
     return tuple(found)
 
 
-def unexplained(pieces: Floats, measured: Measured, on: Canvas, width_px: float) -> Floats:
-    """(U, 2, 2) left canvas ends of straight skeleton pieces that no part lies along."""
-    left = []
-    for piece in pieces:
-        middle = piece.mean(axis=0)
-        way = piece[1] - piece[0]
-        size = float(np.linalg.norm(way))
-        own = False
-        for part in measured.parts:
-            a, b = part[1:3], part[4:6]
-            along = (b - a) / np.linalg.norm(b - a)
-            away = middle - a
-            t = float(away @ along)
-            off = abs(float(-away[0] * along[1] + away[1] * along[0]))
-            inside = -width_px < t < float(np.linalg.norm(b - a)) + width_px
-            if inside and off < 0.7 * width_px and abs(float(way @ along)) > 0.9 * size:
-                own = True
-                break
-        if not own:
-            left.append(piece)
-    return np.array(left, np.float64).reshape(-1, 2, 2)
+def unexplained(pieces: Floats, measured: Measured, width_px: float) -> Floats:
+    """(U, 2, 2) left canvas ends of straight skeleton pieces (K, 2, 2) that no part lies along."""
+    if len(measured.parts) == 0 or len(pieces) == 0:
+        return pieces
+    start, end = measured.parts[:, 1:3], measured.parts[:, 4:6]
+    size = np.linalg.norm(end - start, axis=1)
+    along = (end - start) / size[:, None]
+    way = pieces[:, 1] - pieces[:, 0]
+    away = pieces.mean(axis=1)[:, None] - start[None]
+    place = (away * along[None]).sum(axis=2)
+    off = np.abs(away[..., 1] * along[:, 0] - away[..., 0] * along[:, 1])
+    aligned = np.abs(way @ along.T) > 0.9 * np.linalg.norm(way, axis=1)[:, None]
+    own = aligned & (off < 0.7 * width_px) & (place > -width_px) & (place < size[None] + width_px)
+    return np.asarray(pieces[~own.any(axis=1)], np.float64)

@@ -1,4 +1,5 @@
-"""The chosen parts measured once more, each on its own edges and with its shading, and how well each is known."""
+"""The chosen parts measured once more, each on its own edges and with its shading, and how well each is
+known."""
 
 from __future__ import annotations
 
@@ -37,11 +38,11 @@ BEYOND_SHARES = (0.03, 0.28)
 class Measured:
     """C parts, in the order they were chosen.
 
-    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far the
-    middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its ends alone
-    have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an unseen end on which
-    both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the profiles have them.
-    """
+    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far
+    the middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its
+    ends alone have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an
+    unseen end on which both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the
+    profiles have them."""
 
     parts: Floats
     covariance: Floats
@@ -134,11 +135,8 @@ def sigmas(part: Floats, covariance: Floats, frame: Frame) -> tuple[float, float
     """
     ends = part[1:7].reshape(2, 3)
     here = in_space(ends, frame.on)
-    slope = np.zeros((6, 6))
-    for n in range(6):
-        moved = part[1:7].copy()
-        moved[n] += STEP_PX
-        slope[:, n] = ((in_space(moved.reshape(2, 3), frame.on) - here) / STEP_PX).reshape(-1)
+    moved = np.repeat(part[1:7][None], 6, axis=0) + STEP_PX * np.eye(6)
+    slope = ((in_space(moved.reshape(6, 2, 3), frame.on) - here) / STEP_PX).reshape(6, 6).T
     in_metres = slope @ covariance @ slope.T
     mean = 0.5 * np.concatenate([np.eye(3), np.eye(3)], axis=1)
     centre = mean @ in_metres @ mean.T
@@ -179,7 +177,7 @@ def _read(
         for place, k in enumerate(chosen):
             near, far = found.hypotheses[k, 3], found.hypotheses[k, 6]
             own, low[place, view], high[place, view], bow[place, view], nx, ny = _own(
-                int(now.count[k, view]), now.ends[k, view], near, far, unit, now.edge[k, view],
+                int(now.samples[k, view]), now.ends[k, view], near, far, unit, now.edge[k, view],
                 now.value[k, view], taken, edges.table,
             )  # fmt: skip
             normal[place, view] = nx, ny
@@ -204,8 +202,8 @@ def _own(
     taken: Counts,
     table: Reals,
 ) -> tuple[Bools, float, float, float, float, float]:
-    """Samples whose flanks are both seen and no other's; mean place of either flank from where the outline would
-    be; how far the middle bends; the normal."""
+    """Samples whose flanks are both seen and no other's; mean place of either flank from where the outline
+    would be; how far the middle bends; the normal."""
     own = np.zeros(steps, np.bool_)
     dx, dy = ends[2] - ends[0], ends[3] - ends[1]
     size = np.hypot(dx, dy)

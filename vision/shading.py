@@ -123,7 +123,7 @@ def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
     explains is a projection, one matrix for each place. The place is the vertex of the parabola through the best
     three.
     """
-    left = np.einsum("nk,pkl->npl", profiles, _unexplained(blur))
+    left = (profiles @ _unexplained(blur)).reshape(len(profiles), len(PLACES), SAMPLES)
     square = np.einsum("npl,npl->np", left, left)
     at = np.clip(np.argmin(square, axis=1), 1, len(PLACES) - 2)
     row = np.arange(len(profiles))
@@ -138,7 +138,7 @@ def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=len(BLURS))
 def _unexplained(blur: float) -> Floats:
-    """(P, `SAMPLES`, `SAMPLES`) projections onto what a rod at each place cannot explain."""
+    """(`SAMPLES`, P `SAMPLES`) projections onto what a rod at each place cannot explain, side by side."""
     angle = ((np.arange(QUADRATURE) + 0.5) / QUADRATURE - 0.5) * np.pi
     sine, cosine = np.sin(angle), np.cos(angle)
     where = (np.arange(SAMPLES) - HALF_SAMPLES) / HALF_SAMPLES * REACH
@@ -155,7 +155,7 @@ def _unexplained(blur: float) -> Floats:
         )
         q, _ = np.linalg.qr(basis)
         projections.append(np.eye(SAMPLES) - q @ q.T)
-    return np.array(projections)
+    return np.ascontiguousarray(np.concatenate(projections, axis=1))
 
 
 def best_optics(profiles: dict[float, Floats]) -> tuple[float, float]:

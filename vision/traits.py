@@ -139,9 +139,7 @@ def _read(
             width = unit * p[3 * end + 2]
             for lane in range(LANES):
                 aside = (lane - 2) * 0.17 * width
-                e, off = nearest_edge(
-                    table, at, free, x - oy * aside, y + ox * aside, -ox, -oy, TIP_REACH_PX
-                )
+                e, off = nearest_edge(table, at, free, x - oy * aside, y + ox * aside, -ox, -oy, TIP_REACH_PX)
                 tip_edge[h, view, end, lane] = e
                 if e >= 0:
                     tip_value[h, view, end, lane] = table[e, 4] * np.exp(-0.5 * (off / TIP_SIGMA_PX) ** 2)
@@ -160,9 +158,7 @@ def _read(
 
 
 @compiled
-def claimed_edges(
-    table: Reals, at: Ids, ends: Floats, width_a: float, width_b: float, out: Ints
-) -> int:
+def claimed_edges(table: Reals, at: Ids, ends: Floats, width_a: float, width_b: float, out: Ints) -> int:
     """Edges within `CLAIM_PX` of a part's flanks, and of its ends, that look its way; returns how many."""
     xa, ya, xb, yb = ends[0], ends[1], ends[2], ends[3]
     size = np.hypot(xb - xa, yb - ya)
