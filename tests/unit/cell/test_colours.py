@@ -256,3 +256,19 @@ def test_scenes_without_a_colour_have_nothing_to_note(root: Path) -> None:
     write_scene(root, "plain", bars(0, ends), bars(120, ends))
     evaluate(root, root / "out", "published")
     assert result(root / "out", "plain")["notes"] == []
+
+
+def test_the_recipe_has_the_limits_of_every_word() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "recipes" / "colour.md").read_text(encoding="utf-8")
+    told = {
+        row[1].strip(): row[2:5] for row in (line.split("|") for line in page.splitlines()) if len(row) == 6
+    }
+    for word, wanted in WORDS.items():
+        for cell, limits, anything in zip(
+            told[word],
+            (wanted.hue_deg, wanted.saturation, wanted.value),
+            (ColourRange().hue_deg, ColourRange().saturation, ColourRange().value),
+            strict=True,
+        ):
+            written = tuple(float(number) for number in cell.split(",")) if cell.strip() else anything
+            assert written == limits, word
