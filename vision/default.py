@@ -226,7 +226,7 @@ def _scene(
     ends = in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on).reshape(-1, 2, 3)
     pieces = pictures[0].pieces
     moved = points_through_grid(frame.on.from_raw[0], pieces.reshape(-1, 2)).reshape(-1, 2, 2)
-    lone = unexplained(moved, measured, frame.on, frame.width_px)
+    lone = unexplained(moved, measured, frame.width_px)
     lying = np.empty((len(lone), 2, 3))
     lying[..., :2] = lone
     lying[..., 2] = lone @ frame.level[:2] + frame.level[2]

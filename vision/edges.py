@@ -22,7 +22,7 @@ Ids = npt.NDArray[np.int32]
 
 SMOOTHING_PX = 0.7
 LEAST_SHARE, FULL_SHARE = 0.03, 0.16
-"""Grey per px, as shares of the contrast of parts: the faintest edge that counts, and where it counts fully."""
+"""Grey per px, as shares of the contrast of parts: the faintest edge that counts, one that counts fully."""
 LEAST_SLOPE_GREY = 1.2
 """Per px; below this sensor noise makes edges everywhere."""
 NEAR_MASK_PX = 3
@@ -40,7 +40,13 @@ class Edges:
 
 
 def edges(
-    grey: Grey, mask: Mask, ground: Mask, contrast_grey: float, on: Canvas, side: int, row_shift_px: float = 0.0
+    grey: Grey,
+    mask: Mask,
+    ground: Mask,
+    contrast_grey: float,
+    on: Canvas,
+    side: int,
+    row_shift_px: float = 0.0,
 ) -> Edges:
     """The edges in and near a mask.
 

@@ -59,13 +59,13 @@ def stands_out(grey: Grey, width_px: float) -> Foreground:
     least = max(floor, 0.25 * typical)
     near = _odd(2.0 * width_px)
     strongest = np.asarray(cv2.dilate(contrast, np.ones((near, near), np.uint8)), np.uint8)
-    limit = np.asarray(cv2.max(cv2.convertScaleAbs(strongest, alpha=_HALF), least), np.uint8)
+    half = np.asarray(cv2.convertScaleAbs(strongest, alpha=_HALF), np.uint8)
+    limit = np.maximum(half, np.uint8(min(255, round(least))))
     mask = np.asarray(cv2.compare(contrast, limit, cv2.CMP_GT), np.uint8)
     low = max(_LEAST_CONTRAST_GREY, _FIFTH * typical)
-    ground = np.asarray(cv2.compare(contrast, low, cv2.CMP_GT), np.uint8)
     return Foreground(
         mask=read_only(mask > 0),
-        ground=read_only(ground > 0),
+        ground=read_only(np.asarray(contrast > np.uint8(low))),
         contrast_grey=typical,
         floor_grey=least,
         noise_grey=noise,

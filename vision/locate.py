@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import assert_never
 
 from vision.default import locate_default
-from vision.published import Observer, locate_published
 from vision.offer import Colour
+from vision.published import Observer, locate_published
 from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
 
 
@@ -51,6 +51,8 @@ def locate(
         case "published":
             return locate_published(left_grey, right_grey, stereo_model, part, tuning, table, observe)
         case "default":
-            return locate_default(left_grey, right_grey, stereo_model, part, tuning, table, observe, colour_left)
+            return locate_default(
+                left_grey, right_grey, stereo_model, part, tuning, table, observe, colour_left
+            )
         case _:
             assert_never(tuning.method)

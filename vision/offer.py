@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import Canvas, in_space, points_through_grid
+from vision.canvas import in_space, points_through_grid
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
 from vision.polish import Measured, sigmas
@@ -72,7 +72,9 @@ def candidates(
         length = float(np.linalg.norm(ends[1] - ends[0]))
         if not frame.part.length_m / NEAR_LENGTHS < length < frame.part.length_m * NEAR_LENGTHS:
             continue
-        made.append((row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px)))
+        made.append(
+            (row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px))
+        )
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
@@ -122,9 +124,7 @@ def _candidate(
     if sigma_m > vague:
         reasons.append(Refused(reason=Refusal.VAGUE, value=sigma_m, limit=vague, unit="m"))
     if abs(row_offset_px) > MOST_ROW_OFFSET_PX:
-        reasons.append(
-            Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px")
-        )
+        reasons.append(Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px"))
     if score < tuning.min_score - 1e-9:
         reasons.append(Refused(reason=Refusal.LOW_SCORE, value=score, limit=tuning.min_score, unit="1"))
     return Candidate(
@@ -220,7 +220,9 @@ def colour_reasons(
     way = (b - a) / np.linalg.norm(b - a)
     normal = np.array([-way[1], way[0]])
     half = COLOUR_INNER * 0.5 * frame.unit * (part[3] + share * (part[6] - part[3]))
-    lanes = [a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    lanes = [
+        a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    ]
     at = np.rint(points_through_grid(frame.on.to_raw[0], np.concatenate(lanes))).astype(np.int64)
     rows, columns = colour.shape[:2]
     at = at[(at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)]
@@ -281,7 +283,7 @@ def _crossings(
     return tuple(found)
 
 
-def unexplained(pieces: Floats, measured: Measured, on: Canvas, width_px: float) -> Floats:
+def unexplained(pieces: Floats, measured: Measured, width_px: float) -> Floats:
     """(U, 2, 2) left canvas ends of straight skeleton pieces that no part lies along."""
     left = []
     for piece in pieces:

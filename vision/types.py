@@ -212,7 +212,7 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColourRange:
-    """Which colours count: hue in degrees, [low, high], over 0 where low > high; saturation and value 0..1."""
+    """Which colours count: hue in degrees, [low, high], over 0 where low > high; the others 0..1."""
 
     hue_deg: tuple[float, float] = (0.0, 360.0)
     saturation: tuple[float, float] = (0.0, 1.0)
@@ -321,8 +321,8 @@ class Candidate:
 
     ``start``, ``end``, ``centre`` (3,) m and ``axis`` (3,) unit from start to end, left camera
     frame; ``nodes`` (K, 3) m in the order of the part's topology, for a stick its two ends.
-    ``refusals`` is empty for an offered one. ``sigma_m`` standard deviation of the centre in its worst direction
-    (nearly always depth), ``sigma_rad`` of the axis; NaN where the method does not tell.
+    ``refusals`` is empty for an offered one. ``sigma_m`` standard deviation of the centre in its worst
+    direction (nearly always depth), ``sigma_rad`` of the axis; NaN where the method does not tell.
     """
 
     part_code: int
