@@ -30,7 +30,7 @@ THROUGH = 0.6
 """Axes nearer than this share of the diameter pass through each other."""
 THROUGH_LENGTHS = 0.25
 PARALLEL = 0.97
-BELOW_SHARE, ABOVE_SHARE, CROSSING = 0.35, 0.5, 0.95
+BELOW_SHARE, ABOVE_SHARE, CROSSING, ALONG = 0.35, 0.5, 0.95, 0.985
 """A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
 along it (cosine), from the second share above it."""
 MOST_COVERS = 64
@@ -69,6 +69,9 @@ class State(NamedTuple):
     gain: Floats
     near_at: Ints
     near: Ints
+    pair: Reals
+    spans: npt.NDArray[np.int16]
+    rival: Bools
     size_px: float
     width_px: float
     diameter: float
@@ -100,9 +103,8 @@ def state(
     """
     n = len(hypotheses)
     longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
-    margin = 1.5 * width_px + 3.0
-    near_at, near = _neighbours(seen.ends, np.ascontiguousarray(space), margin, THROUGH * diameter_m)
-    return State(
+    near_at, near = _neighbours(seen.ends, width_px + 2.0)
+    made = State(
         count=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
         beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
@@ -112,8 +114,12 @@ def state(
         soft=np.zeros(n), hard=np.zeros(n, np.int64),
         covers=np.zeros((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
         claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
-        gain=np.zeros(n), near_at=near_at, near=near, size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
+        gain=np.zeros(n), near_at=near_at, near=near,
+        pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
+        rival=np.zeros(len(near), np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
     )  # fmt: skip
+    _relate(made)
+    return made
 
 
 @compiled
@@ -236,30 +242,52 @@ def _apart(s: State, h: int, k: int) -> tuple[float, float]:
 
 
 @compiled
-def _neighbours(ends: Floats, space: Floats, margin: float, through: float) -> tuple[Ints, Ints]:
+def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
     """For each hypothesis those that it can share edges with, cover, or pass through: starts and places."""
     count = len(ends)
     starts = np.zeros(count + 1, np.int64)
-    found = np.empty(count * count, np.int64)
-    total = 0
+    meets = np.zeros((count, count), np.bool_)
     for h in range(count):
+        for k in range(h):
+            if _meet_in_picture(ends, h, k, margin):
+                meets[h, k] = True
+                meets[k, h] = True
+    for h in range(count):
+        starts[h + 1] = starts[h] + meets[h].sum()
+    found = np.empty(starts[count], np.int64)
+    for h in range(count):
+        at = starts[h]
         for k in range(count):
-            if h != k and (_meet_in_picture(ends, h, k, margin) or _touch(space, h, k, through)):
-                found[total] = k
-                total += 1
-        starts[h + 1] = total
-    return starts, found[:total].copy()
+            if meets[h, k]:
+                found[at] = k
+                at += 1
+    return starts, found
 
 
 @compiled
-def _touch(space: Floats, h: int, k: int, through: float) -> bool:
-    """Whether the boxes round two axes come nearer than ``through``."""
-    for n in range(3):
-        low = max(min(space[h, 0, n], space[h, 1, n]), min(space[k, 0, n], space[k, 1, n]))
-        high = min(max(space[h, 0, n], space[h, 1, n]), max(space[k, 0, n], space[k, 1, n]))
-        if low - high > through:
-            return False
-    return True
+def _relate(s: State) -> None:
+    """What each hypothesis is to each neighbour: distance and cosine of the axes, how far the neighbour lies
+    below it in either view, which of the neighbour's samples it covers, and whether both cannot be."""
+    for k in range(len(s.gain)):
+        for at in range(s.near_at[k], s.near_at[k + 1]):
+            h = s.near[at]
+            apart, cosine = _apart(s, h, k)
+            s.pair[at, 0], s.pair[at, 1] = apart, cosine
+            for view in range(2):
+                first, last, above = _overlap(s, h, k, view)
+                s.spans[at, view, 0], s.spans[at, view, 1] = first, last
+                s.pair[at, 2 + view] = above
+            rival = apart < THROUGH * s.diameter and cosine > PARALLEL
+            if not rival:
+                dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
+                ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
+                size, other = np.hypot(dx, dy), np.hypot(ex, ey)
+                if abs(dx * ex + dy * ey) > 0.98 * size * other:
+                    mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
+                    my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
+                    along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
+                    rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
+            s.rival[at] = rival
 
 
 @compiled
@@ -292,15 +320,19 @@ def take(s: State, k: int, alive: Bools) -> None:
     _claim(s, k, True)
     for at_near in range(s.near_at[k], s.near_at[k + 1]):
         h = s.near[at_near]
-        apart, cosine = _apart(s, h, k)
+        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
         if apart < THROUGH * s.diameter:
             if cosine > PARALLEL:
                 s.hard[h] += 1
             else:
                 s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
         for view in range(2):
-            first, last, above = _overlap(s, h, k, view)
+            first, last = s.spans[at_near, view, 0], s.spans[at_near, view, 1]
+            above = s.pair[at_near, 2 + view]
             at = s.covered[h, view]
+            if cosine > ALONG:
+                # a part right below another of its own direction explains nothing
+                continue
             if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
                 s.covers[h, view, at, 0] = k
                 s.covers[h, view, at, 1] = first
@@ -317,13 +349,15 @@ def give_back(s: State, k: int) -> None:
     _claim(s, k, False)
     for at_near in range(s.near_at[k], s.near_at[k + 1]):
         h = s.near[at_near]
-        apart, cosine = _apart(s, h, k)
+        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
         if apart < THROUGH * s.diameter:
             if cosine > PARALLEL:
                 s.hard[h] -= 1
             else:
                 s.soft[h] -= THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
         for view in range(2):
+            if s.spans[at_near, view, 1] <= s.spans[at_near, view, 0]:
+                continue
             kept = 0
             for c in range(s.covered[h, view]):
                 if s.covers[h, view, c, 0] != k:
@@ -372,7 +406,7 @@ def greedy(s: State, chosen: Bools) -> None:
 
 
 @compiled
-def exchange(s: State, chosen: Bools, rivals: Bools) -> bool:
+def exchange(s: State, chosen: Bools) -> bool:
     """Every chosen part against its rivals, with all others as they are; True when anything changed."""
     changed = False
     count = len(chosen)
@@ -385,7 +419,7 @@ def exchange(s: State, chosen: Bools, rivals: Bools) -> bool:
         best, most = i, gain_of(i, s)
         for at_near in range(s.near_at[i], s.near_at[i + 1]):
             k = s.near[at_near]
-            if rivals[i, k] and not chosen[k]:
+            if s.rival[at_near] and not chosen[k]:
                 value = gain_of(k, s)
                 if value > most:
                     best, most = k, value
@@ -415,7 +449,7 @@ def energy(s: State, chosen: Bools) -> float:
 
 
 @compiled
-def deepen(s: State, chosen: Bools, rivals: Bools, margin: float, most: int) -> int:
+def deepen(s: State, chosen: Bools, margin: float, most: int) -> int:
     """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the exchange
     stays where the sum of all gains about it has risen. Returns how many stayed."""
     count = len(chosen)
@@ -430,7 +464,7 @@ def deepen(s: State, chosen: Bools, rivals: Bools, margin: float, most: int) -> 
         own = gain_of(i, s)
         for at_near in range(s.near_at[i], s.near_at[i + 1]):
             k = s.near[at_near]
-            if not rivals[i, k] or chosen[k] or found >= len(loss):
+            if not s.rival[at_near] or chosen[k] or found >= len(loss):
                 continue
             # conflicts with others are theirs to solve
             blocked = s.hard[k]
@@ -467,26 +501,29 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
     was = chosen.copy()
     give_back(s, i)
     chosen[i] = False
-    for j in range(count):
-        if chosen[j] and about[j] and j != k:
-            apart, cosine = _apart(s, j, k)
-            if apart < THROUGH * s.diameter and cosine > PARALLEL:
-                give_back(s, j)
-                chosen[j] = False
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        j = s.near[at_near]
+        if chosen[j] and s.pair[at_near, 0] < THROUGH * s.diameter and s.pair[at_near, 1] > PARALLEL:
+            give_back(s, j)
+            chosen[j] = False
     chosen[k] = True
     take(s, k, nobody)
     least = 2 * ACCEPT_LENGTHS * s.size_px
+    alive = np.zeros(count, np.bool_)
+    for j in range(count):
+        if about[j] and not chosen[j] and s.hard[j] == 0:
+            s.gain[j] = gain_of(j, s)
+            alive[j] = s.gain[j] > 0.5 * least
     while True:
         best, most = -1, least
         for j in range(count):
-            if about[j] and not chosen[j]:
-                value = gain_of(j, s)
-                if value > most:
-                    best, most = j, value
+            if alive[j] and s.gain[j] > most:
+                best, most = j, s.gain[j]
         if best < 0:
             break
         chosen[best] = True
-        take(s, best, nobody)
+        alive[best] = False
+        take(s, best, alive)
     if _local(s, chosen, about) > before + LEAST_RISE * s.size_px:
         return 1
     for j in range(count):
@@ -513,26 +550,3 @@ def _local(s: State, chosen: Bools, about: Bools) -> float:
         total += gain_of(k, s)
         take(s, k, nobody)
     return total
-
-
-@compiled
-def rivals_of(s: State) -> Bools:
-    """(N, N) pairs that cannot both be chosen, or that show the same place of the left picture."""
-    count = len(s.gain)
-    rivals = np.zeros((count, count), np.bool_)
-    for h in range(count):
-        for k in range(h):
-            apart, cosine = _apart(s, h, k)
-            rival = apart < THROUGH * s.diameter and cosine > PARALLEL
-            if not rival:
-                dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
-                ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
-                size, other = np.hypot(dx, dy), np.hypot(ex, ey)
-                if abs(dx * ex + dy * ey) > 0.98 * size * other:
-                    mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
-                    my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
-                    along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
-                    rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
-            rivals[h, k] = rival
-            rivals[k, h] = rival
-    return rivals

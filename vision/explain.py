@@ -20,8 +20,8 @@ from vision.traits import Traits, traits
 from vision.types import Bools, Floats, PartModel
 from vision.windows import distinct
 
-TILT_SHARES = (0.06, 0.25)
-"""Deviation of the height difference of the ends, in lengths: usual, and wide."""
+TILT_SHARE = 0.06
+"""Usual height difference of the ends, in lengths."""
 LENGTH_SIGMA_SHARE = 0.005
 LENGTH_SHARE = 0.08
 SAME_PX = 0.6
@@ -78,28 +78,23 @@ class Explanation:
 def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
     """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
-    tried = []
-    for share in TILT_SHARES:
-        hypotheses = pool.copy()
-        settle(hypotheses, left, right, free, frame, share, 5, 3.0)
-        tried.append(hypotheses)
-    hypotheses = np.concatenate(tried)
+    hypotheses = pool.copy()
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 5, 3.0)
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
     hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
         seen, now = _state(hypotheses, left, right, frame)
-        rivals = choice.rivals_of(now)
         nobody = np.zeros(len(hypotheses), np.bool_)
         chosen[:] = False
         choice.greedy(now, chosen)
         for _ in range(2):
-            if not choice.exchange(now, chosen, rivals):
+            if not choice.exchange(now, chosen):
                 break
             choice.greedy(now, chosen)
         if turn > 0:
-            choice.deepen(now, chosen, rivals, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
+            choice.deepen(now, chosen, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
         if turn == ROUNDS - 1:
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
@@ -183,10 +178,8 @@ def _on_own_edges(
         near = np.repeat(hypotheses[k : k + 1], len(moves), axis=0)
         near[:, 1:7] += moves
         taken = (now.taken_l, now.taken_r)
-        settle(near, left, right, taken, frame, TILT_SHARES[1], 5, 3.0)
-        flat = hypotheses[k : k + 1].copy()
-        settle(flat, left, right, taken, frame, TILT_SHARES[0], 4, 3.0)
-        added += [near, flat]
+        settle(near, left, right, taken, frame, TILT_SHARE, 5, 3.0)
+        added.append(near)
         choice.take(now, k, nobody)
     if not added:
         return np.zeros((0, COLUMNS))

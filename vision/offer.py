@@ -10,7 +10,7 @@ import numpy.typing as npt
 from vision.canvas import in_space, points_through_grid
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
-from vision.polish import Measured, sigmas
+from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
 from vision.types import (
@@ -26,6 +26,8 @@ from vision.types import (
     read_only,
 )
 
+GOES_ON = 0.45
+"""A part whose flanks go on beyond an unseen end on this share of the way is longer than it should be."""
 LEAST_BOTH = 0.1
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""
 WIDTH_SHARE = (0.72, 1.25)
@@ -155,6 +157,11 @@ def _shape_reasons(
     if abs(error) > part.length_tolerance_m or measured.parts[row, KIND] < 0:
         limit = part.length_m + float(np.copysign(part.length_tolerance_m, error))
         reasons.append(Refused(reason=Refusal.LENGTH, value=long_m, limit=limit, unit="m"))
+    elif measured.goes_on[row] > GOES_ON:
+        limit = part.length_m + part.length_tolerance_m
+        reasons.append(
+            Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
+        )
     width = float(measured.parts[row, UNIT]) / frame.unit
     low, high = WIDTH_SHARE
     if not low < width < high:

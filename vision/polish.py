@@ -14,6 +14,7 @@ from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame, settle
 from vision.flank import Counts
 from vision.jit import compiled
 from vision.refine import LENGTH
+from vision.traits import traits
 from vision.types import Bools, Floats, Grey
 
 SEEN = 0.3
@@ -28,6 +29,8 @@ MOST_PROFILES = 12
 MOST_MOVED_PX, LEAST_KEPT = 2.5, 0.6
 """A part that moves further, or keeps less of what tells its place, has jumped to something else."""
 STEP_PX = 1e-3
+BEYOND_SHARES = (0.03, 0.28)
+"""Where, in lengths beyond an end, a part is looked for that is longer than it should be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,13 +39,15 @@ class Measured:
 
     ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far the
     middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its ends alone
-    have it, NaN where they are not all seen; ``gamma``, ``blur`` of the cameras as the profiles have them.
+    have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an unseen end on which
+    both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the profiles have them.
     """
 
     parts: Floats
     covariance: Floats
     bow_px: Floats
     free_length_m: Floats
+    goes_on: Floats
     gamma: float
     blur: float
 
@@ -91,8 +96,35 @@ def polish(
         parts[place] = one[0]
         choice.take(now, k, nobody)
     return Measured(
-        parts=parts, covariance=covariance, bow_px=bow, free_length_m=free_length, gamma=gamma, blur=blur
+        parts=parts,
+        covariance=covariance,
+        bow_px=bow,
+        free_length_m=free_length,
+        goes_on=_goes_on(found, chosen, left, right, frame),
+        gamma=gamma,
+        blur=blur,
     )
+
+
+def _goes_on(found: Explanation, chosen: list[int], left: Edges, right: Edges, frame: Frame) -> Floats:
+    """(C,) the larger of both ends, 0 where the end itself is seen."""
+    beyond = np.repeat(found.hypotheses[chosen], 2, axis=0)
+    if len(beyond) == 0:
+        return np.zeros(0)
+    ends = beyond[:, 1:7].reshape(-1, 2, 3).copy()
+    way = ends[:, 1] - ends[:, 0]
+    first, last = BEYOND_SHARES
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        at, along = ends[end::2, end], sign * way[end::2]
+        beyond[end::2, 1:7] = np.stack([at + first * along, at + last * along], axis=1).reshape(-1, 6)
+    seen = traits(beyond, left, right, frame.length_px)
+    shares = np.zeros((2, len(beyond)))
+    for view in range(2):
+        for row in range(len(beyond)):
+            steps = int(seen.count[row, view])
+            shares[view, row] = float((seen.value[row, view, :steps] > SEEN).all(axis=1).mean())
+    tips = found.seen.tip_value[chosen].mean(axis=(1, 3)).reshape(-1)
+    return np.asarray(np.where(tips < SEEN, shares.min(axis=0), 0.0).reshape(-1, 2).max(axis=1), np.float64)
 
 
 def sigmas(part: Floats, covariance: Floats, frame: Frame) -> tuple[float, float]:
