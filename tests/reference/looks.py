@@ -8,13 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tests.reference.sticks import TABLE, Stick, pair, rig
-from vision.canvas import on_canvas
+from vision import choice
+from vision.canvas import in_space, on_canvas
 from vision.default import frame_of
 from vision.edges import Edges, edges
-from vision.explain import Frame
+from vision.explain import Explanation, Frame, explain
 from vision.foreground import stands_out
+from vision.proposals import lines
 from vision.refine import COLUMNS, LENGTH, UNIT
+from vision.traits import traits
 from vision.types import PartModel, Tuning
+from vision.windows import strays, windows
 
 Floats = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -64,3 +68,46 @@ def hypotheses(sticks: list[Stick], of: Frame, *, free: bool = False) -> Floats:
         row[UNIT] = of.unit
         row[LENGTH] = 0.0 if free else float(np.linalg.norm(stick.end - stick.start))
     return rows
+
+
+def state_of(rows: Floats, pictures: Seen, of: Frame) -> choice.State:
+    """A fresh state of the choice over hypotheses, none of which gains or loses for itself."""
+    return choice.state(
+        rows,
+        traits(rows, pictures.left, pictures.right, 2.8 * of.length_px),
+        pictures.left,
+        pictures.right,
+        in_space(rows[:, 1:7].reshape(-1, 2, 3), of.on),
+        np.zeros(len(rows)),
+        of.length_px,
+        of.width_px,
+        of.part.diameter_m,
+        of.diameter_d,
+    )
+
+
+def pool_of(pictures: Seen, of: Frame) -> Floats:
+    """Hypotheses as `vision.default` proposes them, but for what the skeleton graph adds."""
+    none = np.zeros((0, 4))
+    left, right = (lines(side, none, of.width_px, of.length_px) for side in (pictures.left, pictures.right))
+    planes = np.stack([of.low, of.high])
+    length_m = of.part.length_m
+    return np.concatenate(
+        [
+            make(left, right, of.on, planes, length_m, of.width_px, of.length_px, of.unit)
+            for make in (windows, strays)
+        ]
+    )
+
+
+def explained(pictures: Seen, of: Frame) -> Explanation:
+    """The set of parts that explains the pictures."""
+    return explain(pool_of(pictures, of), pictures.left, pictures.right, of)
+
+
+def worst_end_m(row: Floats, stick: Stick, of: Frame) -> float:
+    """Distance of the worse of its ends from the stick's, m."""
+    ends = in_space(row[1:7].reshape(2, 3), of.on)
+    truth = np.stack([stick.start, stick.end])
+    straight, turned = (np.linalg.norm(side - truth, axis=1).max() for side in (ends, ends[::-1]))
+    return float(min(straight, turned))
