@@ -140,7 +140,11 @@ def test_what_is_not_worth_it_is_not_taken_and_does_not_stay() -> None:
 
 MANY = [
     *THREE,
-    *(moved(s, along_m=a, aside_m=b) for s in THREE for a, b in ((0.004, 0.0), (-0.01, 0.0005), (0.0, 0.003))),
+    *(
+        moved(s, along_m=a, aside_m=b)
+        for s in THREE
+        for a, b in ((0.004, 0.0), (-0.01, 0.0005), (0.0, 0.003))
+    ),
     lying(0.03, 0.01, 130, height_m=0.004),
     lying(0.031, 0.01, 131, height_m=0.005),
 ]
@@ -154,9 +158,7 @@ def board() -> State:
 
 def copied(now: State) -> list[Floats]:
     """All that `take` changes, but for the gains and for what it only remembers."""
-    used = [
-        now.covers[h, view, : now.covered[h, view]].copy() for h in range(len(MANY)) for view in range(2)
-    ]
+    used = [now.covers[h, view, : now.covered[h, view]].copy() for h in range(len(MANY)) for view in range(2)]
     return [now.taken_l.copy(), now.taken_r.copy(), now.hard.copy(), now.covered.copy(), *used]
 
 

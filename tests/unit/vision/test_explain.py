@@ -38,7 +38,10 @@ def test_margins_are_what_each_part_adds_and_more_for_those_on_top() -> None:
 
 
 def test_nearly_all_edges_have_an_owner_and_few_have_two() -> None:
-    for table, taken in ((PICTURES.left.table, FOUND.state.taken_l), (PICTURES.right.table, FOUND.state.taken_r)):
+    for table, taken in (
+        (PICTURES.left.table, FOUND.state.taken_l),
+        (PICTURES.right.table, FOUND.state.taken_r),
+    ):
         clear = table[:, 4] > 0.5
         assert (taken[:-1][clear] > 0).mean() > 0.7
         assert (taken[:-1][clear] > 1).mean() < 0.1

@@ -127,7 +127,9 @@ def scattered(row: Floats, random: np.random.Generator) -> Seen:
         size = float(np.linalg.norm(way))
         along = way / size
         normal = np.array([-along[1], along[0]])
-        aside = random.normal(0, LAW_MIDDLE_PX) * normal + view * np.array([0, random.normal(0, ROW_SIGMA_PX)])
+        aside = random.normal(0, LAW_MIDDLE_PX) * normal + view * np.array(
+            [0, random.normal(0, ROW_SIGMA_PX)]
+        )
         edges = []
         for step in range(int(size)):
             share = (step + 0.5) / int(size)
@@ -162,9 +164,7 @@ def test_the_covariance_is_the_spread_of_results_to_a_third(angle_deg: int) -> N
         rows = truth.copy()
         free = (np.zeros(len(of.left.table) + 1, np.uint16), np.zeros(len(of.right.table) + 1, np.uint16))
         bias = np.full((1, 2), LAW_MIDDLE_PX)
-        normals = settle(
-            rows, of.left, of.right, free, FRAME, 1.0, 12, 1.0, np.zeros((1, 2, 2)), bias
-        )
+        normals = settle(rows, of.left, of.right, free, FRAME, 1.0, 12, 1.0, np.zeros((1, 2, 2)), bias)
         found.append(rows[0, 1:7] - truth[0, 1:7])
         said.append(np.linalg.inv(normals[0] + 1e-6 * np.eye(6)))
     off, covariance = np.array(found), np.median(said, axis=0)
@@ -208,7 +208,9 @@ def outline_beyond(stick: Stick, end: int, view: int) -> float:
 
 @pytest.mark.parametrize("tilt_deg", [-30, 0, 30])
 @pytest.mark.parametrize("view", [0, 1])
-def test_an_end_that_looks_away_is_seen_between_its_rounded_and_its_sharp_rim(tilt_deg: int, view: int) -> None:
+def test_an_end_that_looks_away_is_seen_between_its_rounded_and_its_sharp_rim(
+    tilt_deg: int, view: int
+) -> None:
     stick = lying(0.03, 0.02, 30, height_m=0.03, tilt_deg=tilt_deg)
     row = hypotheses([stick], FRAME)[0]
     focal, baseline, cx, cy = FRAME.camera
