@@ -33,6 +33,7 @@ PARALLEL = 0.97
 BELOW_SHARE, ABOVE_SHARE, CROSSING, ALONG = 0.35, 0.5, 0.95, 0.985
 """A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
 along it (cosine), from the second share above it."""
+LEAST_ALONE, RIVAL_SHARE = -0.5, 0.5
 MOST_COVERS = 64
 LEAST_RISE = 0.02
 NEVER = -1e9
@@ -89,6 +90,7 @@ def state(
     width_px: float,
     diameter_m: float,
     diameter_d: float,
+    related: bool = True,
 ) -> State:
     """A fresh state with nothing chosen.
 
@@ -100,10 +102,14 @@ def state(
         What each part gains or loses for itself.
     diameter_d
         Disparity that one diameter of height makes, px.
+    related
+        Without it nothing can be taken, only looked at.
     """
     n = len(hypotheses)
     longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
-    near_at, near = _neighbours(seen.ends, width_px + 2.0)
+    near_at, near = np.zeros(n + 1, np.int64), np.zeros(0, np.int64)
+    if related:
+        near_at, near = _neighbours(seen.ends, width_px + 2.0)
     made = State(
         count=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
@@ -380,6 +386,45 @@ def _claim(s: State, k: int, add: bool) -> None:
         for c in range(s.claim_count[k, view]):
             e = s.claims[k, view, c]
             taken[e] = taken[e] + np.uint16(1) if add else taken[e] - np.uint16(1)
+
+
+@compiled
+def promising(s: State) -> Bools:
+    """(N,) what may be chosen: enough evidence of its own, and not far less than a rival in the same place."""
+    count = len(s.gain)
+    keep = np.ones(count, np.bool_)
+    least = 2 * ACCEPT_LENGTHS * s.size_px
+    for h in range(count):
+        s.gain[h] = gain_of(h, s)
+        # what is unseen may be hidden, and the state does not know by what
+        if s.gain[h] < LEAST_ALONE * least:
+            keep[h] = False
+    for h in range(count):
+        if not keep[h]:
+            continue
+        for k in range(count):
+            if s.gain[k] * RIVAL_SHARE > s.gain[h] and _same_place(s, h, k):
+                keep[h] = False
+                break
+    return keep
+
+
+@compiled
+def _same_place(s: State, h: int, k: int) -> bool:
+    """Whether two hypotheses show nearly the same stretch of both pictures."""
+    for view in range(2):
+        xa, ya = s.ends[k, view, 0], s.ends[k, view, 1]
+        dx, dy = s.ends[k, view, 2] - xa, s.ends[k, view, 3] - ya
+        size = np.hypot(dx, dy)
+        ux, uy = dx / size, dy / size
+        for end in range(2):
+            px, py = s.ends[h, view, 2 * end] - xa, s.ends[h, view, 2 * end + 1] - ya
+            if abs(-px * uy + py * ux) > 0.7 * s.width_px:
+                return False
+            along = px * ux + py * uy
+            if along < -0.35 * s.size_px or along > size + 0.35 * s.size_px:
+                return False
+    return True
 
 
 @compiled

@@ -16,9 +16,9 @@ from vision.canvas import Canvas, in_space
 from vision.edges import Edges
 from vision.flank import Counts
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, refine
-from vision.traits import Traits, traits
+from vision.traits import Traits, joined, some, traits
 from vision.types import Bools, Floats, PartModel
-from vision.windows import distinct
+from vision.windows import distinct, outstanding
 
 TILT_SHARE = 0.06
 """Usual height difference of the ends, in lengths."""
@@ -29,6 +29,8 @@ ROUNDS = 3
 DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 """Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
 NUDGE_PX = 2.0
+PLAIN_LENGTHS = 1.05
+"""A part with more evidence of its own is not tried anew from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
 STRAY_LENGTHS = 0.12
@@ -78,14 +80,17 @@ class Explanation:
 def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
     """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
-    hypotheses = pool.copy()
-    settle(hypotheses, left, right, free, frame, TILT_SHARE, 5, 3.0)
+    hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 4.0)
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
     hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
+    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    kept = np.flatnonzero(choice.promising(_state(hypotheses, seen, left, right, frame, False)))
+    hypotheses, seen = np.ascontiguousarray(hypotheses[kept]), some(seen, kept)
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
-        seen, now = _state(hypotheses, left, right, frame)
+        now = _state(hypotheses, seen, left, right, frame, True)
         nobody = np.zeros(len(hypotheses), np.bool_)
         chosen[:] = False
         choice.greedy(now, chosen)
@@ -98,9 +103,10 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
         if turn == ROUNDS - 1:
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
+        seen = joined(seen, traits(added, left, right, LONGEST_LENGTHS * frame.length_px))
         grown = np.concatenate([hypotheses, added])
         kept = distinct(grown, SAME_PX)
-        hypotheses = np.ascontiguousarray(grown[kept])
+        hypotheses, seen = np.ascontiguousarray(grown[kept]), some(seen, kept)
         chosen = np.zeros(len(hypotheses), np.bool_)
     rows = np.flatnonzero(chosen)
     margin = np.array([_margin(now, int(k), nobody) for k in rows]) if len(rows) else np.zeros(0)
@@ -144,41 +150,40 @@ def _sound(hypotheses: Floats, frame: Frame) -> Bools:
 
 
 def _state(
-    hypotheses: Floats, left: Edges, right: Edges, frame: Frame
-) -> tuple[Traits, choice.State]:
+    hypotheses: Floats, seen: Traits, left: Edges, right: Edges, frame: Frame, related: bool
+) -> choice.State:
     part = frame.part
-    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
     space = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
     rise = hypotheses[:, DA] - hypotheses[:, DB]
     rise = rise - (hypotheses[:, [XA, YA]] - hypotheses[:, [XB, YB]]) @ frame.level[:2]
     tilt = rise / frame.diameter_d * part.diameter_m / part.length_m
     prior = -2 * frame.length_px * np.minimum(TILT_COST * tilt**2, MOST_TILT_COST)
     prior = prior - np.where(hypotheses[:, KIND] < 0, 2 * STRAY_LENGTHS * frame.length_px, 0.0)
-    now = choice.state(
+    return choice.state(
         hypotheses, seen, left, right, space, prior, frame.length_px, frame.width_px, part.diameter_m,
-        frame.diameter_d,
+        frame.diameter_d, related,
     )  # fmt: skip
-    return seen, now
 
 
 def _on_own_edges(
     hypotheses: Floats, chosen: Bools, now: choice.State, left: Edges, right: Edges, frame: Frame
 ) -> Floats:
-    """Every chosen part refined on the edges that no other claims, from nine places."""
+    """Every chosen part refined on the edges that no other claims, from five places; what is plain to see is left as it is."""
     nudges = [[0.0] * 6]
-    for a in (-NUDGE_PX, 0.0, NUDGE_PX):
-        for b in (-NUDGE_PX, 0.0, NUDGE_PX):
-            if a or b:
-                nudges.append([a / 2, 0, a, b / 2, 0, b])
+    for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
+        nudges.append([a * NUDGE_PX / 2, 0, a * NUDGE_PX, b * NUDGE_PX / 2, 0, b * NUDGE_PX])
     moves = np.array(nudges)
     added = []
     nobody = np.zeros(len(chosen), np.bool_)
     for k in np.flatnonzero(chosen).tolist():
         choice.give_back(now, k)
+        if choice.gain_of(k, now) > PLAIN_LENGTHS * 2 * frame.length_px:
+            choice.take(now, k, nobody)
+            continue
         near = np.repeat(hypotheses[k : k + 1], len(moves), axis=0)
         near[:, 1:7] += moves
         taken = (now.taken_l, now.taken_r)
-        settle(near, left, right, taken, frame, TILT_SHARE, 5, 3.0)
+        settle(near, left, right, taken, frame, TILT_SHARE, 4, 3.0)
         added.append(near)
         choice.take(now, k, nobody)
     if not added:

@@ -162,7 +162,8 @@ def _shape_reasons(
         reasons.append(
             Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
         )
-    width = float(measured.parts[row, UNIT]) / frame.unit
+    # as the edges have it: the shading model believes the nominal width
+    width = float(found.hypotheses[k, UNIT]) / frame.unit
     low, high = WIDTH_SHARE
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m

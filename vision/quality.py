@@ -15,7 +15,7 @@ from vision.types import Grey, PictureFlaw, Unusable
 
 BLACK_LEVEL = 16.0
 """A picture whose brightest hundredth is darker than this shows nothing; video black itself is 16."""
-SATURATED_GREY = 254
+SATURATED_GREY = 250
 SATURATED_SHARE = 0.5
 """White paper or a reflection may fill a tenth of a good picture; half of it leaves nothing to find."""
 FLAT_SPREAD = 12.0

@@ -69,6 +69,18 @@ def traits(hypotheses: Floats, left: Edges, right: Edges, longest_px: float) -> 
     return found
 
 
+def some(of: Traits, rows: Ints) -> Traits:
+    """The traits of some hypotheses."""
+    return Traits(**{name: getattr(of, name)[rows] for name in Traits.__slots__})
+
+
+def joined(first: Traits, second: Traits) -> Traits:
+    """The traits of both, read with the same longest length."""
+    return Traits(
+        **{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in Traits.__slots__}
+    )
+
+
 @compiled
 def _read(
     hypotheses: Floats, view: int, table: Reals, at: Ids, ground: npt.NDArray[np.uint8], free: Counts,

@@ -37,6 +37,8 @@ RUN_LEVEL, RUN_SHARE = 0.45, 0.1
 """Least evidence of an end; lengths of other parts, in lengths, and how near they must not come; their least
 evidence per px; evidence that a run must keep up, and how far its length must be from the known one."""
 MOST = 20000
+BEATEN = 0.45
+"""A hypothesis with a smaller share of the evidence of another in its place is not looked at further."""
 NOTHING = -1e9
 
 
@@ -98,6 +100,44 @@ def distinct(found: Floats, near_px: float) -> Floats:
                 double = True
                 break
         if not double:
+            kept[count] = row
+            count += 1
+    return kept[:count]
+
+
+@compiled
+def outstanding(found: Floats, width_px: float, length_px: float) -> Floats:
+    """Rows of sorted hypotheses that no much better one of the same kind shows the place of, in both pictures."""
+    kept = np.empty(len(found), np.int64)
+    count = 0
+    for row in range(len(found)):
+        beaten = False
+        for q in range(count):
+            k = kept[q]
+            if found[k, KIND] != found[row, KIND] or found[row, SCORE] > BEATEN * found[k, SCORE]:
+                continue
+            same = True
+            for view in range(2):
+                xa, ya = found[k, XA] - view * found[k, DA], found[k, YA]
+                dx, dy = found[k, XB] - view * found[k, DB] - xa, found[k, YB] - ya
+                size = np.hypot(dx, dy)
+                ux, uy = dx / size, dy / size
+                for end in range(2):
+                    px = found[row, 1 + 3 * end] - view * found[row, 3 + 3 * end] - xa
+                    py = found[row, 2 + 3 * end] - ya
+                    along = px * ux + py * uy
+                    if (
+                        abs(-px * uy + py * ux) > 0.7 * width_px
+                        or along < -0.3 * length_px
+                        or along > size + 0.3 * length_px
+                    ):
+                        same = False
+                if not same:
+                    break
+            if same:
+                beaten = True
+                break
+        if not beaten:
             kept[count] = row
             count += 1
     return kept[:count]
