@@ -61,7 +61,8 @@ def edges(
     row_shift_px
         Added to the rows of this picture: what the calibration is off by.
     """
-    table = np.zeros((0, 5), np.float32)
+    # closed for writing like any other table: to compiled functions a writable one is another type
+    table = read_only(np.zeros((0, 5), np.float32))
     at = np.full((on.height_px, on.width_px), -1, np.int32)
     drawn = np.zeros((on.height_px, on.width_px), np.uint8)
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
