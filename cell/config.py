@@ -22,10 +22,12 @@ from drivers.settings import (
     Settings,
     Six,
 )
-from vision.types import PartModel, Tuning
+from vision.types import ColourRange, PartModel, Tuning
 
 Three = tuple[float, float, float]
 Grey = Annotated[int, Field(ge=0, le=255)]
+Degrees = Annotated[float, Field(ge=0, le=360)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class CamerasConfig(Settings):
@@ -116,6 +118,34 @@ class MotionConfig(Settings):
     approach: LineConfig
 
 
+class ColourConfig(Settings):
+    """Colours that count as this product in the left picture. See `vision.types.ColourRange`."""
+
+    hue_deg: tuple[Degrees, Degrees] = Field(
+        default=(0.0, 360.0),
+        description="from, to: red 0, yellow 60, green 120, blue 240; from > to goes over 0",
+    )
+    saturation: tuple[Share, Share] = Field(default=(0.0, 1.0), description="0 grey, 1 pure colour")
+    value: tuple[Share, Share] = Field(default=(0.0, 1.0), description="0 black, 1 as bright as can be")
+
+    @model_validator(mode="after")
+    def _some_colour(self) -> Self:
+        if self.hue_deg[0] == self.hue_deg[1]:
+            raise ValueError(f"hue_deg is empty: from and to are both {self.hue_deg[0]}")
+        for key, (low, high) in (("saturation", self.saturation), ("value", self.value)):
+            if low >= high:
+                raise ValueError(f"{key} is empty: min {low} is not below max {high}")
+        if self.range() == ColourRange():
+            raise ValueError(
+                "every colour would count; give hue_deg, saturation or value, or leave colour out"
+            )
+        return self
+
+    def range(self) -> ColourRange:
+        """The colours as the detector takes them."""
+        return ColourRange(hue_deg=self.hue_deg, saturation=self.saturation, value=self.value)
+
+
 class PartConfig(Settings):
     """One product. A straight stick is given by its length and diameter."""
 
@@ -124,6 +154,9 @@ class PartConfig(Settings):
     length_m: PositiveFloat
     length_tolerance_m: PositiveFloat
     diameter_m: PositiveFloat
+    colour: ColourConfig | None = Field(
+        default=None, description="where parts of one size differ in colour; needs a left camera in colour"
+    )
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -143,6 +176,7 @@ class PartConfig(Settings):
             length_m=self.length_m,
             length_tolerance_m=self.length_tolerance_m,
             diameter_m=self.diameter_m,
+            colour=None if self.colour is None else self.colour.range(),
         )
 
 
@@ -219,6 +253,11 @@ class CellConfig(Settings):
                 "set allow_mixed: true if that is meant"
             )
         for part in self.parts:
+            if part.colour is not None and self.tuning.method == "published":
+                raise ValueError(
+                    f"part {part.code} ({part.name}): the published method does not look at colour; "
+                    "leave out tuning.method or the part's colour"
+                )
             if self.workspace.floor_clearance_m >= part.diameter_m / 2:
                 raise ValueError(
                     f"part {part.code} ({part.name}): workspace.floor_clearance_m "

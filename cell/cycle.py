@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import assert_never
 
 from cell import frames
-from cell.emptiness import is_empty
-from cell.faults import VisionFailed
+from cell.config import PartConfig
+from cell.finding import Finding, confirmed
 from cell.logs import logger
+from cell.pictures import require_colour
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
+from cell.results import nothing_to_pick, plain, report
 from cell.station import Look, Stage, Station
 from cell.stopwatch import StageTimes
 from cell.types import Outcome, Pick, PickOrder, PickResult
 from drivers.timing import StopToken
-from drivers.types import Grip, JointAngles, PlcCommand, ResultCode
+from drivers.types import FramePair, Grip, JointAngles, Pixels, PlcCommand, ResultCode
 from vision import transforms
 from vision.locate import locate
-from vision.types import Candidate, Floats
+from vision.published import Observer
+from vision.types import Candidate, Floats, Grey, Scene, Transform
 
 log = logger("cycle")
 
@@ -45,6 +49,20 @@ class Times:
         self.spent_s[name] = round(self.spent_s.get(name, 0.0) + seconds, 4)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sight:
+    """What one look has to go on: the pair and its pictures, and where the tool was when they were taken."""
+
+    order: PickOrder
+    part: PartConfig
+    pair: FramePair
+    left: Grey
+    right: Grey
+    colour: Pixels | None
+    tool: Transform
+    watch: StageTimes
+
+
 def run_order(station: Station, order: PickOrder, stop: StopToken) -> PickResult:
     """Carry out one accepted order.
 
@@ -64,39 +82,39 @@ def run_order(station: Station, order: PickOrder, stop: StopToken) -> PickResult
 def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times) -> PickResult:
     match order.command:
         case PlcCommand.PING:
-            return _plain(order, ResultCode.OK)
+            return plain(order, ResultCode.OK)
         case PlcCommand.HOME:
             _home(station, order, stop, times)
-            return _plain(order, ResultCode.OK)
+            return plain(order, ResultCode.OK)
         case PlcCommand.GRIPPER_OPEN:
             with times.stage(station, Stage.GRIP):
                 station.gripper.release(stop=stop)
-            return _plain(order, ResultCode.OK)
+            return plain(order, ResultCode.OK)
         case PlcCommand.GRIPPER_CLOSE:
             if order.dry_run:
-                return _plain(order, ResultCode.OK)
+                return plain(order, ResultCode.OK)
             with times.stage(station, Stage.GRIP):
                 held = station.gripper.grasp(stop=stop)
-            return _plain(order, ResultCode.OK, detail=int(held is Grip.HOLDING))
+            return plain(order, ResultCode.OK, detail=int(held is Grip.HOLDING))
         case PlcCommand.PLACE:
             held = station.gripper.grip()
             if held is not Grip.HOLDING:
-                return _plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
+                return plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
             if _place(station, order, stop, times) is not ResultCode.OK:
-                return _plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
+                return plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
             # not PICKED: the part was counted by the order that picked it
-            return _plain(order, ResultCode.OK, quantity=1)
+            return plain(order, ResultCode.OK, quantity=1)
         case PlcCommand.VISION_ONLY | PlcCommand.PICK | PlcCommand.PICK_AND_PLACE:
             return _pick_with_attempts(station, order, stop, times)
         case PlcCommand.RETRACT | PlcCommand.LOAD_RECIPE | PlcCommand.RECOVER:
-            return _plain(order, ResultCode.UNKNOWN_COMMAND)
+            return plain(order, ResultCode.UNKNOWN_COMMAND)
         case _:
             assert_never(order.command)
 
 
 def _pick_with_attempts(station: Station, order: PickOrder, stop: StopToken, times: Times) -> PickResult:
     if station.part(order.part_code) is None:
-        return _plain(order, ResultCode.BAD_PARAMETER, detail=order.part_code)
+        return plain(order, ResultCode.BAD_PARAMETER, detail=order.part_code)
     if order.command is not PlcCommand.VISION_ONLY and station.gripper.grip() is Grip.HOLDING:
         # left over from an order that was cut short; it must be out of the hand before the next
         log.warning("part_found_in_gripper", request_id=order.request_id)
@@ -110,25 +128,32 @@ def _pick_with_attempts(station: Station, order: PickOrder, stop: StopToken, tim
 
 
 def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times) -> PickResult:
-    """One look and one pick."""
+    """One look and one pick. The arm sets out on the first certain answer; the rest follows."""
     clear_at = _move_clear(station, order, stop, times)
-    look = _look(station, order, clear_at, times)
+    sight = _look(station, order, clear_at, times)
     station.missed.new_look()
-    chosen, unreachable = _choose(station, look.plans)
-    refused = [*(why for plan in look.plans for why in plan.refused), *unreachable]
+    with Finding(partial(_find, station, sight), sight.watch) as finding:
+        with times.stage(station, Stage.FIND):
+            first = finding.first(stop)
+        early = _early_pick(station, sight, first, times)
+        code = None if early is None else _fetch_early(station, sight, early, first, finding, stop, times)
+        look = _whole_look(station, sight, finding, stop, times)
     station.looked(look)
+    if early is not None and code is not None:
+        return _fetched(station, order, look, early, _refused(look), code, stop, times)
+    chosen, unreachable = _choose(station, look.plans)
+    refused = [*_refused(look), *unreachable]
     if chosen is None:
-        return _nothing_to_pick(station, order, look, refused)
+        return nothing_to_pick(station, order, look, refused)
     if order.command is PlcCommand.VISION_ONLY:
-        return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
+        return report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
     if order.dry_run:
         _hover(station, chosen, order, stop, times)
-        return _report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
-    code = _fetch(station, chosen, order, stop, times)
-    if code is not ResultCode.OK:
-        station.missed.remember(chosen.grasp, _middle(station, chosen.candidate))
-        return _report(order, look, chosen, refused, code, Outcome.MISSED)
-    return _report(order, look, chosen, refused, code, Outcome.PICKED)
+        return report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
+    with times.stage(station, Stage.FETCH):
+        _reach(station, chosen, order, stop)
+        code = _grip(station, chosen, order, stop)
+    return _fetched(station, order, look, chosen, refused, code, stop, times)
 
 
 # --------------------------------------------------------------------------- look, find, plan
@@ -151,46 +176,106 @@ def _lift(station: Station, order: PickOrder, stop: StopToken) -> None:
         station.robot.move_line(target, station.approach(order.speed_fraction), stop)
 
 
-def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> Look:
+def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> _Sight:
     part = station.part(order.part_code)
     assert part is not None, "checked before the arm moved"
     with times.stage(station, Stage.LOOK):
         pair = station.rig.grab_pair(newer_than=clear_at, timeout_s=station.cameras.look_timeout_s)
         left, right = station.pictures.check(pair)
-    with times.stage(station, Stage.FIND):
-        watch = StageTimes(station.clock)
-        try:
-            scene = locate(
-                left,
-                right,
-                station.stereo,
-                part.model(),
-                station.tuning,
-                station.table,
-                observe=watch,
-            )
-        except (ValueError, ArithmeticError, IndexError, RuntimeError) as error:
-            raise VisionFailed(f"{type(error).__name__}: {error}") from error
-    for name, seconds in watch.durations_s.items():
+        colour = None if part.colour is None else require_colour(pair.left, part.name)
+    return _Sight(
+        order=order,
+        part=part,
+        pair=pair,
+        left=left,
+        right=right,
+        colour=colour,
+        tool=frames.transform_of(station.robot.state().tool),
+        watch=StageTimes(station.clock),
+    )
+
+
+def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
+    return locate(
+        sight.left,
+        sight.right,
+        station.stereo,
+        sight.part.model(),
+        station.tuning,
+        station.table,
+        observe=observe,
+        colour_left=sight.colour,
+    )
+
+
+def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
+    return plan_picks(
+        scene,
+        station.base_from_camera,
+        station.workspace,
+        station.jaws,
+        sight.part.diameter_m,
+        sight.tool,
+        station.missed,
+    )
+
+
+def _early_pick(station: Station, sight: _Sight, first: Scene, times: Times) -> Pick | None:
+    """A pick of the first answer that leaves nothing to be wished for; None: wait for the whole scene."""
+    fetches = sight.order.command in (PlcCommand.PICK, PlcCommand.PICK_AND_PLACE)
+    if first.complete or not fetches or sight.order.dry_run:
+        return None
+    with times.stage(station, Stage.PLAN):
+        pick, _ = _choose(station, _plans(station, sight, first))
+    if pick is None or not pick.candidate.offered or not pick.gap_free:
+        return None
+    return None if station.missed.part(_middle(station, pick.candidate)) else pick
+
+
+def _fetch_early(
+    station: Station,
+    sight: _Sight,
+    early: Pick,
+    first: Scene,
+    finding: Finding,
+    stop: StopToken,
+    times: Times,
+) -> ResultCode | None:
+    """Fetch what the first answer gave; None when the whole scene took it back before the hand went down."""
+    with times.stage(station, Stage.FETCH):
+        _reach(station, early, sight.order, stop)
+        if finding.ended:
+            whole = finding.whole(stop)
+            plans = _plans(station, sight, whole)
+            if not confirmed(early.candidate, first, whole, plans, sight.part.diameter_m):
+                log.warning("early_pick_withdrawn", request_id=sight.order.request_id)
+                station.robot.move_line(early.retreat, station.travel(sight.order.speed_fraction), stop)
+                return None
+        return _grip(station, early, sight.order, stop)
+
+
+def _whole_look(station: Station, sight: _Sight, finding: Finding, stop: StopToken, times: Times) -> Look:
+    """The look with everything in it; waits for the rest of the scene where an early pick was quicker."""
+    if not finding.ended:
+        with times.stage(station, Stage.FIND):
+            finding.whole(stop)
+    scene = finding.whole(stop)
+    for name, seconds in sight.watch.durations_s.items():
         times.add(f"find.{name}", seconds)
     with times.stage(station, Stage.PLAN):
-        plans = plan_picks(
-            scene,
-            station.base_from_camera,
-            station.workspace,
-            station.jaws,
-            part.diameter_m,
-            frames.transform_of(station.robot.state().tool),
-            station.missed,
-        )
+        plans = _plans(station, sight, scene)
     log.info(
         "look_finished",
-        request_id=order.request_id,
+        request_id=sight.order.request_id,
         seen=len(scene.candidates),
         offered=len(scene.offered),
         find_s=times.spent_s[Stage.FIND.value],
     )
-    return Look(order=order, part=part, pair=pair, scene=scene, plans=plans)
+    return Look(order=sight.order, part=sight.part, pair=sight.pair, scene=scene, plans=plans)
+
+
+def _refused(look: Look) -> list[PlanRefused]:
+    return [why for plan in look.plans for why in plan.refused]
 
 
 def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
@@ -225,27 +310,47 @@ def _hover(station: Station, pick: Pick, order: PickOrder, stop: StopToken, time
             station.robot.move_line(pose, station.travel(order.speed_fraction), stop)
 
 
-def _fetch(station: Station, pick: Pick, order: PickOrder, stop: StopToken, times: Times) -> ResultCode:
-    """Down, grip, up; and into the drop place where the order says so."""
-    robot, gripper = station.robot, station.gripper
-    travel, approach = station.travel(order.speed_fraction), station.approach(order.speed_fraction)
-    with times.stage(station, Stage.FETCH):
+def _reach(station: Station, pick: Pick, order: PickOrder, stop: StopToken) -> None:
+    """Above the part, with an open hand."""
+    travel = station.travel(order.speed_fraction)
+    station.gripper.release(stop=stop)
+    station.robot.move_line(pick.retreat, travel, stop)  # same pose: above the part, at travel height
+    station.robot.move_line(pick.approach, travel, stop)
+
+
+def _grip(station: Station, pick: Pick, order: PickOrder, stop: StopToken) -> ResultCode:
+    """Down, grip, up."""
+    robot, gripper, approach = station.robot, station.gripper, station.approach(order.speed_fraction)
+    robot.move_line(pick.grasp, approach, stop)
+    held = gripper.grasp(stop=stop)
+    log.info("grip_closed", request_id=order.request_id, grip=held.value)
+    robot.move_line(pick.retreat, approach, stop)
+    if held is not Grip.HOLDING:
         gripper.release(stop=stop)
-        robot.move_line(pick.retreat, travel, stop)  # same pose: above the part, at travel height
-        robot.move_line(pick.approach, travel, stop)
-        robot.move_line(pick.grasp, approach, stop)
-        held = gripper.grasp(stop=stop)
-        log.info("grip_closed", request_id=order.request_id, grip=held.value)
-        robot.move_line(pick.retreat, approach, stop)
-        if held is not Grip.HOLDING:
-            gripper.release(stop=stop)
-            return ResultCode.GRIP_FAILED
-        if gripper.grip() is not Grip.HOLDING:
-            gripper.release(stop=stop)
-            return ResultCode.PART_LOST
-    if order.command is PlcCommand.PICK_AND_PLACE:
-        return _place(station, order, stop, times)
+        return ResultCode.GRIP_FAILED
+    if gripper.grip() is not Grip.HOLDING:
+        gripper.release(stop=stop)
+        return ResultCode.PART_LOST
     return ResultCode.OK
+
+
+def _fetched(
+    station: Station,
+    order: PickOrder,
+    look: Look,
+    pick: Pick,
+    refused: list[PlanRefused],
+    code: ResultCode,
+    stop: StopToken,
+    times: Times,
+) -> PickResult:
+    """Into the drop place where the order says so; a part that is not in the hand is remembered."""
+    if code is ResultCode.OK and order.command is PlcCommand.PICK_AND_PLACE:
+        code = _place(station, order, stop, times)
+    if code is not ResultCode.OK:
+        station.missed.remember(pick.grasp, _middle(station, pick.candidate))
+        return report(order, look, pick, refused, code, Outcome.MISSED)
+    return report(order, look, pick, refused, code, Outcome.PICKED)
 
 
 def _place(station: Station, order: PickOrder, stop: StopToken, times: Times) -> ResultCode:
@@ -264,84 +369,6 @@ def _home(station: Station, order: PickOrder, stop: StopToken, times: Times) -> 
         _lift(station, order, stop)
         watch = JointAngles(q_rad=station.workspace.watch_q_rad)
         station.robot.move_joints(watch, station.joint_motion(order.speed_fraction), stop)
-
-
-# --------------------------------------------------------------------------- results
-
-
-def _plain(
-    order: PickOrder,
-    code: ResultCode,
-    *,
-    outcome: Outcome = Outcome.NONE,
-    detail: int = 0,
-    quantity: int = 0,
-) -> PickResult:
-    return PickResult(
-        request_id=order.request_id, code=code, outcome=outcome, detail=detail, quantity=quantity
-    )
-
-
-def _nothing_to_pick(
-    station: Station, order: PickOrder, look: Look, refused: list[PlanRefused]
-) -> PickResult:
-    """Empty, or parts that cannot be had: the detail tells the two apart."""
-    empty = is_empty(
-        look.scene,
-        look.part.length_m,
-        station.stereo,
-        station.table,
-        station.base_from_camera,
-        station.workspace,
-    )
-    outcome = Outcome.BIN_EMPTY if empty else Outcome.NOTHING_GRASPABLE
-    reasons = {why.reason for why in refused}
-    code = ResultCode.NO_PART_FOUND
-    if reasons & {PlanRefusal.CLEARANCE}:
-        code = ResultCode.COLLISION
-    elif reasons & {PlanRefusal.REACH, PlanRefusal.WORKSPACE}:
-        code = ResultCode.UNREACHABLE
-    return PickResult(
-        request_id=order.request_id,
-        code=code,
-        outcome=outcome,
-        detail=int(outcome),
-        part_type=look.part.code,
-        seen=len(look.scene.candidates),
-        refused=_counts(look, refused),
-    )
-
-
-def _report(
-    order: PickOrder,
-    look: Look,
-    pick: Pick,
-    refused: list[PlanRefused],
-    code: ResultCode,
-    outcome: Outcome,
-) -> PickResult:
-    only_looked = order.command is PlcCommand.VISION_ONLY
-    graspable = sum(plan.pick is not None for plan in look.plans)
-    return PickResult(
-        request_id=order.request_id,
-        code=code,
-        outcome=outcome,
-        detail=int(outcome),
-        quantity=graspable if only_looked else int(outcome is Outcome.PICKED),
-        part_type=look.part.code,
-        confidence=pick.score,
-        pose=pick.grasp,
-        seen=len(look.scene.candidates),
-        refused=_counts(look, refused),
-    )
-
-
-def _counts(look: Look, refused: list[PlanRefused]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    names = [why.reason.name for c in look.scene.candidates for why in c.refusals]
-    for name in [*names, *(why.reason.name for why in refused)]:
-        counts[name] = counts.get(name, 0) + 1
-    return counts
 
 
 def _timed(result: PickResult, took_s: float, times: Times) -> PickResult:

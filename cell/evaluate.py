@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -13,10 +16,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cell import scenes
 from cell.calibration import Calibration
 from cell.errors import CalibrationError, UsageError
+from cell.stopwatch import StageTimes
 from drivers.timing import MonotonicClock
+from drivers.types import Pixels
+from vision.default import warm_up
 from vision.locate import locate
 from vision.quality import assess
-from vision.types import Floats, Grey, Method, Scene, Tuning
+from vision.types import Floats, Grey, Method, PartModel, Scene, Tuning
 
 # How far a length may be off. The published method measures between skeleton ends in whole pixels of
 # disparity (3.3 mm of depth each at 400 mm), so a narrow gate costs it more recall than it saves false
@@ -34,17 +40,19 @@ EPIPOLAR_WIDTHS: Final = 0.3
 HEIGHT_M: Final = (-0.005, 0.100)
 """Scenes say nothing of heights; parts may stand on blocks or on each other."""
 
-Result = dict[str, "str | float | list[Detection] | list[list[list[float]]]"]
-Detection = dict[str, "str | int | float | list[float] | list[list[float]]"]
+Json: TypeAlias = "Mapping[str, Json] | Sequence[Json] | str | float | None"
+Result: TypeAlias = dict[str, Json]
 
 
 def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, ...] = ()) -> int:
     """Run the detector over scenes and write ``<out_dir>/<scene>.json`` for each.
 
     Results are in mm in the raw left camera frame. ``time_ms`` is the work on the pair without reading files,
-    taken after one unmeasured run per rig, so that compiling is not counted. Parts that are only covered or
-    too steep to be had now are detections too, ranked behind those that are offered. A scene whose pictures
-    cannot be used gets no detections and a ``problem``.
+    ``stages_ms`` the same by stage; what is compiled is compiled before. Parts that are only covered or too
+    steep to be had now are detections too, ranked behind those that are offered, with their ``refusals``.
+    ``crossings`` say which rank lies on which, ``reasons`` count why candidates were refused; ``nothing``
+    says in words why a scene has nothing to pick. A scene whose pictures cannot be used gets no detections
+    and a ``problem``.
 
     Parameters
     ----------
@@ -68,21 +76,22 @@ def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, .
         out_dir.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{out_dir}: cannot write there: {error}") from error
+    warm_up()
     rigs: dict[str, Calibration] = {}
     bar = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*bar) as progress:
         task = progress.add_task("", total=len(found))
         for scene in found:
             progress.update(task, description=scene.name)
-            warm = scene.rig in rigs
-            calibration = rigs.setdefault(scene.rig, scenes.rig(scene))
-            result = _evaluate_one(scene, calibration, method, warm)
+            if scene.rig not in rigs:
+                rigs[scene.rig] = scenes.rig(scene)
+            result = _evaluate_one(scene, rigs[scene.rig], method)
             (out_dir / f"{scene.name}.json").write_text(json.dumps(result), encoding="utf-8")
             progress.advance(task)
     return len(found)
 
 
-def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method, warm: bool) -> Result:
+def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method) -> Result:
     wanted = scenes.request(scene, STICK_TOLERANCE_M[method])
     part = wanted.part
     if part.topology is not None:
@@ -99,13 +108,34 @@ def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method, w
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )
-    if not warm:
-        locate(left, right, rig.stereo, part, tuning, rig.table)
+    colour = scenes.colour(scene) if part.colour is not None else None
+    notes = _why_no_colour(part, colour, method)
+    if notes:
+        part, colour = replace(part, colour=None), None
     clock = MonotonicClock()
     started_at = clock.now()
-    seen = locate(left, right, rig.stereo, part, tuning, rig.table)
+    times = StageTimes(clock)
+    seen = locate(left, right, rig.stereo, part, tuning, rig.table, times, colour)
     took_s = clock.now() - started_at
-    return _result(scene.name, wanted.cls, seen, took_s)
+    stages_ms = {stage: round(seconds * 1e3, 2) for stage, seconds in times.durations_s.items()}
+    return {
+        **_result(scene.name, wanted.cls, seen, took_s),
+        "stages_ms": stages_ms,
+        "notes": notes,
+    }
+
+
+def _why_no_colour(part: PartModel, colour: Pixels | None, method: Method) -> list[str]:
+    """Why the colour that was asked for is left out of account, in words; empty when it is not."""
+    if part.colour is None:
+        return []
+    if colour is None:
+        return ["colour ignored: the left picture is grey"]
+    if method == "published":
+        return ["colour ignored: the published method does not look at it"]
+    if part.topology is not None:
+        return ["colour ignored: it is told for straight parts only"]
+    return []
 
 
 def _width_px(wanted: scenes.Request, rig: Calibration) -> float:
@@ -131,7 +161,7 @@ def _problem(left: Grey, right: Grey, rig: Calibration) -> str | None:
 
 
 def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
-    detections: list[Detection] = [
+    detections: list[Json] = [
         {
             "class": cls,
             "p0": _mm(candidate.start),
@@ -139,17 +169,60 @@ def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
             "nodes": [_mm(node) for node in candidate.nodes],
             "rank": rank,
             "score": round(candidate.score, 4),
+            "sigma_mm": _number(candidate.sigma_m * 1e3),
+            "sigma_deg": _number(math.degrees(candidate.sigma_rad)),
+            "refusals": [
+                {
+                    "reason": why.reason.name,
+                    "value": _number(float(why.value)),
+                    "limit": _number(float(why.limit)),
+                    "unit": why.unit,
+                }
+                for why in candidate.refusals
+            ],
         }
         for rank, candidate in enumerate(seen.recognised, start=1)
     ]
+    ranks = {id(candidate): rank for rank, candidate in enumerate(seen.recognised, start=1)}
+    crossings: list[Json] = [
+        {
+            "above": ranks[id(seen.candidates[crossing.above])],
+            "below": ranks[id(seen.candidates[crossing.below])],
+            "gap_mm": _number(crossing.gap_m * 1e3),
+            "sure": _number(crossing.sure),
+        }
+        for crossing in seen.crossings
+        if id(seen.candidates[crossing.above]) in ranks and id(seen.candidates[crossing.below]) in ranks
+    ]
     ends = zip(seen.segments.start, seen.segments.end, strict=True)
-    return {
+    reasons = Counter(why.reason.name for candidate in seen.candidates for why in candidate.refusals)
+    result: Result = {
         "scene": name,
         "time_ms": round(took_s * 1e3, 2),
         "detections": detections,
         "segments": [[_mm(start), _mm(end)] for start, end in ends],
+        "crossings": crossings,
+        "row_offset_px": _number(seen.row_offset_px),
+        "reasons": dict(reasons),
     }
+    if not seen.offered:
+        result["nothing"] = _why_nothing(seen)
+    return result
 
 
-def _mm(point_m: Floats) -> list[float]:
+def _why_nothing(seen: Scene) -> str:
+    """Why nothing can be picked, in words: what stands against the candidates, the commonest first."""
+    if not seen.candidates:
+        return "nothing near the product's size was seen"
+    reasons = Counter(why.reason.value for candidate in seen.candidates for why in candidate.refusals)
+    said = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+    return f"{len(seen.candidates)} seen, none to be had: {said}"
+
+
+def _mm(point_m: Floats) -> list[Json]:
     return [round(float(value), 4) for value in np.asarray(point_m) * 1e3]
+
+
+def _number(value: float) -> float | None:
+    """A number for JSON, which has no infinity and no NaN: those are null."""
+    return round(value, 4) if math.isfinite(value) else None

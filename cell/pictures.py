@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from cell import frames
+from cell.colours import in_colour
 from cell.faults import PictureUnusable
-from drivers.types import Frame, FramePair
+from drivers.types import Frame, FramePair, Pixels
 from vision import quality
 from vision.types import Grey
 
@@ -49,3 +50,20 @@ def refuse_flawed(grey: Grey, what: str) -> None:
         raise PictureUnusable(
             f"{what}: picture is {flaw.flaw.value} ({flaw.value:.3g}, limit {flaw.limit:.3g})"
         )
+
+
+def require_colour(frame: Frame, part_name: str) -> Pixels:
+    """(H, W, 3) BGR pixels of a frame, for a part that is told by its colour.
+
+    Raises
+    ------
+    PictureUnusable
+        The picture is grey.
+    """
+    colour = in_colour(frame.pixels)
+    if colour is None:
+        raise PictureUnusable(
+            f"{frame.camera}: picture {frame.sequence} is grey, but part {part_name} is told by its colour; "
+            "use a colour camera on the left or leave out the part's colour"
+        )
+    return colour

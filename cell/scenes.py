@@ -15,8 +15,10 @@ import cv2
 import numpy as np
 
 from cell.calibration import Calibration, load
+from cell.colours import WORDS, in_colour
 from cell.errors import UsageError
-from vision.types import Floats, Grey, NodeKind, Outline, PartModel, Topology, read_only
+from drivers.types import Pixels
+from vision.types import ColourRange, Floats, Grey, NodeKind, Outline, PartModel, Topology, read_only
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 
@@ -84,7 +86,7 @@ def request(scene: SceneFolder, length_tolerance_m: float) -> Request:
     Raises
     ------
     UsageError
-        The request cannot be read, or a field is missing or of a wrong kind.
+        The request cannot be read, a field is missing or of a wrong kind, or its colour is an unknown word.
     """
     path = scene.path / "request.json"
     fields = _member(_read(path), "request", path)
@@ -97,6 +99,7 @@ def request(scene: SceneFolder, length_tolerance_m: float) -> Request:
         length_tolerance_m=length_tolerance_m,
         diameter_m=_number(fields, thickness, path) * MM,
         topology=_topology(fields, path) if "nodes_model" in fields else None,
+        colour=_colour_range(fields, path),
     )
     dims = fields.get("dims")
     if not isinstance(dims, dict) or "w" not in dims or part.topology is None:
@@ -118,6 +121,30 @@ def grey(scene: SceneFolder, side: str) -> Grey:
     if pixels is None:
         raise UsageError(f"{path}: not a picture that can be read")
     return np.asarray(pixels, np.uint8)
+
+
+def colour(scene: SceneFolder) -> Pixels | None:
+    """The left picture of a scene as (H, W, 3) BGR; None when it is grey.
+
+    Raises
+    ------
+    UsageError
+        It cannot be read.
+    """
+    path = scene.path / "left.png"
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise UsageError(f"{path}: not a picture that can be read")
+    return in_colour(np.asarray(pixels, np.uint8))
+
+
+def _colour_range(fields: dict[str, Json], path: Path) -> ColourRange | None:
+    if fields.get("colour") is None:
+        return None
+    word = _text(fields, "colour", path)
+    if word not in WORDS:
+        raise UsageError(f"{path}: colour {word!r} is not known; use one of {', '.join(WORDS)}")
+    return WORDS[word]
 
 
 def _topology(fields: dict[str, Json], path: Path) -> Topology:

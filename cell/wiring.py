@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import assert_never
+
+import cv2
+import numpy as np
 
 from cell import calibration
 from cell.calibration import Calibration
+from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
@@ -15,6 +20,7 @@ from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
+from drivers.settings import CameraSettings, ReplayCameraSettings, SimCameraSettings
 from drivers.timing import Clock
 
 
@@ -34,7 +40,8 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     Raises
     ------
     CalibrationError, ConfigError
-        The calibration is missing or belongs to other cameras; a part does not fit the view.
+        The calibration is missing or belongs to other cameras; a part does not fit the view, or has a colour
+        that the left camera cannot tell.
     """
     known = calibration.load(config.files.calibration)
     size = (config.cameras.left.width_px, config.cameras.left.height_px)
@@ -42,7 +49,31 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     calibration.table_of(known, config.workspace.floor_z_m)
     for part in config.parts:
         _refuse_too_long(config, config_path, known, part)
+        if part.colour is not None and not _has_colour(config.cameras.left):
+            raise ConfigError(
+                Path(config_path),
+                None,
+                f"part {part.name}: it is told by its colour, but cameras.left gives grey pictures; "
+                "use a colour camera on the left or leave out the part's colour",
+            )
     return known
+
+
+def _has_colour(camera: CameraSettings) -> bool:
+    """False for a camera that is known to give grey pictures only."""
+    match camera:
+        case SimCameraSettings():
+            return True
+        case ReplayCameraSettings():
+            try:
+                first = min(camera.folder.glob(camera.pattern), default=None)
+                content = np.frombuffer(b"" if first is None else first.read_bytes(), dtype=np.uint8)
+            except (OSError, ValueError, NotImplementedError):
+                return True  # the camera says so itself when it is opened
+            picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+            return picture is None or in_colour(np.asarray(picture, dtype=np.uint8)) is not None
+        case _:
+            assert_never(camera)
 
 
 def _refuse_too_long(config: CellConfig, config_path: str, known: Calibration, part: PartConfig) -> None:

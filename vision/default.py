@@ -44,7 +44,8 @@ from vision.types import (
 )
 from vision.windows import strays, windows
 
-LOWEST_DIAMETERS = 0.4
+LINE_SLACK_PX = 3.0
+LOWEST_DIAMETERS = 1.2
 """Axes are looked for from this many diameters below where a lying part has its own."""
 
 
@@ -205,7 +206,9 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
 def _explain(
     pictures: tuple[_Picture, _Picture], frame: Frame, tell: Observer
 ) -> tuple[Explanation, Floats]:
-    arguments = (pictures[0].lines, pictures[1].lines, frame.on, np.stack([frame.low, frame.high]),
+    # two lines tell the disparity at their ends to a few pixels only; the refined part is held to the heights
+    planes = np.stack([frame.low - (0.0, 0.0, LINE_SLACK_PX), frame.high + (0.0, 0.0, LINE_SLACK_PX)])
+    arguments = (pictures[0].lines, pictures[1].lines, frame.on, planes,
                  frame.part.length_m, frame.width_px, frame.length_px, frame.unit)  # fmt: skip
     pool = np.concatenate([windows(*arguments), strays(*arguments)])
     tell("windows", pool)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.stereo import project, rectification, unrectify_points
-from vision.types import Candidate, Floats, Grey, PartModel, Refusal, Refused, Scene, StereoModel
+from vision.types import Candidate, Crossing, Floats, Grey, PartModel, Refusal, Refused, Scene, StereoModel
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) uint8 BGR."""
@@ -52,10 +52,22 @@ SHORT: Final[dict[Refusal, str]] = {
     Refusal.WIDTH: "width",
     Refusal.DUPLICATE: "duplicate",
     Refusal.UNMATCHED: "one view",
+    Refusal.FLANKS: "one flank",
+    Refusal.BENT: "bent",
+    Refusal.COLOUR: "colour",
+    Refusal.VAGUE: "vague",
+    Refusal.ROWS: "rows off",
 }
 WITHOUT_NUMBER: Final = frozenset({Refusal.DUPLICATE, Refusal.EDGE, Refusal.UNMATCHED})
 ABOUT_SIZE: Final = frozenset({Refusal.LENGTH, Refusal.WIDTH, Refusal.TOPOLOGY, Refusal.DEPTH, Refusal.TILT})
 
+
+SURE: Final = 1.0
+"""An order that is known to fewer standard deviations is shown as a doubt."""
+BRIDGE_PX: Final = 8
+RAIL_PX: Final = 6
+"""Half the length of a bridge's rails, and how far beside the upper line they run, in drawn pixels."""
+RING_PX: Final = 6
 
 SHIFT: Final = 4
 """Lines are drawn to a sixteenth of a pixel, or slightly tilted ones show steps."""
@@ -99,7 +111,9 @@ def draw(picture_left: Grey | Picture, scene: Scene, stereo_model: StereoModel, 
 
     Offered candidates are green with their rank, the first ones with their length in mm, the first of all
     brighter; refused ones are thin, orange when size or place is wrong and red otherwise, the first few with
-    the reason and its number. Dots are nodes of the left graph. A line below the picture says what was done.
+    the reason and its number. A part that lies over another has two short rails there, as bridges have on
+    maps; where the order is not certain there is a small ring. Dots are nodes of the left graph. A line below
+    the picture says what was done, a second one that the rows of the pictures had to be corrected.
 
     Parameters
     ----------
@@ -137,6 +151,8 @@ def draw(picture_left: Grey | Picture, scene: Scene, stereo_model: StereoModel, 
         paths = _paths(candidate, part, stereo_model)
         _outline(picture, paths, BRIGHT if rank == 1 else GREEN, rank == 1)
         cv2.polylines(busy, paths, False, 1, 6, cv2.LINE_8, SHIFT)
+    for crossing in scene.crossings:
+        _bridge(picture, crossing, scene, stereo_model)
     sheet = _Sheet(pixels=picture, lines=np.asarray(cv2.integral(busy), np.int32))
     for rank, candidate in ranks:
         text = f"{rank}  {candidate.length_m * 1e3:.1f} mm" if rank <= NAMED else f"{rank}"
@@ -163,6 +179,9 @@ def refusal_text(refused: Refused) -> str:
         return SHORT[refused.reason]
     if refused.reason is Refusal.CROSSED and refused.unit == "1":
         return f"{SHORT[refused.reason]} by {refused.value:.0f}"
+    if refused.reason is Refusal.COLOUR and refused.unit == "rad":
+        hue, nearest = np.degrees([refused.value, refused.limit])
+        return f"hue {hue:.0f}, not {nearest:.0f} deg"
     scale, unit, digits = {
         "m": (1e3, " mm", 1),
         "rad": (float(np.degrees(1.0)), " deg", 0),
@@ -221,6 +240,25 @@ def _outline(picture: Picture, paths: list[npt.NDArray[np.int32]], colour: Colou
         for u, v in (path[0].tolist(), path[-1].tolist()):
             cv2.circle(picture, (u, v), (width + 2) << SHIFT, DARK, -1, cv2.LINE_AA, SHIFT)
             cv2.circle(picture, (u, v), (width + 1) << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
+
+
+def _bridge(picture: Picture, crossing: Crossing, scene: Scene, stereo_model: StereoModel) -> None:
+    """Two rails along the upper part, as bridges are drawn on maps; a ring where the order is in doubt."""
+    upper = scene.candidates[crossing.above]
+    along = project(crossing.point + np.array([[-1e-3], [0.0], [1e-3]]) * upper.axis, stereo_model)[0]
+    if not np.isfinite(along).all():
+        return
+    first, middle, last = along
+    if crossing.sure < SURE:
+        (at,) = _drawn(middle[None]).tolist()
+        cv2.circle(picture, at, RING_PX << SHIFT, WHITE, 1, cv2.LINE_AA, SHIFT)
+        return
+    way = (last - first) / max(float(np.linalg.norm(last - first)), 1e-9)
+    aside = np.array([-way[1], way[0]]) * RAIL_PX / SCALE
+    rails = middle + np.array([[-1.0], [1.0]]) * way * (BRIDGE_PX / SCALE)
+    for side in (-aside, aside):
+        cv2.polylines(picture, [_drawn(rails + side)], False, DARK, 3, cv2.LINE_AA, SHIFT)
+        cv2.polylines(picture, [_drawn(rails + side)], False, WHITE, 1, cv2.LINE_AA, SHIFT)
 
 
 def _refused_colour(candidate: Candidate) -> Colour:
@@ -285,15 +323,26 @@ def _overlap(one: Box, other: Box) -> bool:
 
 
 def _legend(scene: Scene, part: PartModel, width: int) -> Picture:
-    strip = np.full((LEGEND_PX, width, 3), DARK, np.uint8)
-    nodes = (len(scene.left.graph.points), len(scene.right.graph.points))
+    nodes = "/".join(str(len(view.graph.points)) for view in (scene.left, scene.right))
     bands = "/".join(f"{low}-{high}" for low, high in (scene.left.band, scene.right.band))
     refused = len(scene.candidates) - len(scene.offered)
-    text = (
-        f"{scene.method}   {part.name} {part.length_m * 1e3:.0f} mm   {len(scene.offered)} offered, "
-        f"{refused} refused   nodes {nodes[0]}/{nodes[1]}, {len(scene.matches.left)} matched   band {bands}"
+    links = (
+        f"{len(scene.matches.left)} matched"
+        if scene.method == "published"
+        else (f"{len(scene.crossings)} crossings")
     )
-    (long, _), _ = cv2.getTextSize(text, FONT, 0.5, 1)
-    size = 0.5 * min(1.0, (width - 16) / max(1, long))
-    cv2.putText(strip, text, (8, 20), FONT, size, WHITE, 1, cv2.LINE_AA)
+    done = (
+        f"{scene.method}   {part.name} {part.length_m * 1e3:.0f} mm   {len(scene.offered)} offered, "
+        f"{refused} refused   nodes {nodes}, {links}   band {bands}"
+    )
+    lines = [(done, WHITE)]
+    if scene.row_offset_px:
+        off = f"rows of the right picture {scene.row_offset_px:+.2f} px off and corrected"
+        said = f"{off}: calibrate the cameras again"
+        lines.append((said, ORANGE))
+    strip = np.full((LEGEND_PX * len(lines), width, 3), DARK, np.uint8)
+    for row, (text, colour) in enumerate(lines):
+        (long, _), _ = cv2.getTextSize(text, FONT, 0.5, 1)
+        size = 0.5 * min(1.0, (width - 16) / max(1, long))
+        cv2.putText(strip, text, (8, 20 + LEGEND_PX * row), FONT, size, colour, 1, cv2.LINE_AA)
     return strip

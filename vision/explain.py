@@ -33,7 +33,7 @@ PLAIN_LENGTHS = 1.05
 """A part with more evidence of its own is not tried anew from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
-STRAY_LENGTHS = 0.12
+STRAY_LENGTHS = 0.25
 """What a part of a length that is no product's must earn beyond others, in part lengths and view."""
 LONGEST_LENGTHS = 2.8
 UNSHADED_SIGMA_PX = 0.1

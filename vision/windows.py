@@ -19,7 +19,7 @@ from vision.types import Floats
 
 FLAT = 0.17
 """Sine of the angle to the baseline below which disparity along a line means little."""
-MIXED = 0.07
+MIXED, SHALLOW = 0.07, 0.4
 STEEPEST = 0.8
 """Height difference of the ends in lengths."""
 LEAST_LENGTHS = 0.1
@@ -253,6 +253,14 @@ def _slide(
                         found[count, XB], found[count, YB] = ax + (s + m) * ux, ay + (s + m) * uy
                         found[count, DB] = d0 + (s + m) * slope
                         count += 1
+                        if uy < SHALLOW and count < MOST:
+                            # the two lines tell the middle's disparity better than its slope: lying flat too
+                            middle = d0 + (s + 0.5 * m) * slope
+                            rise = planes[0, 0] * m * ux + planes[0, 1] * m * uy
+                            for n in range(7):
+                                found[count, n] = found[count - 1, n]
+                            found[count, DA], found[count, DB] = middle - 0.5 * rise, middle + 0.5 * rise
+                            count += 1
                         for z in range(max(0, q - 8), min(size, q + 9)):
                             score[z] = NOTHING
             if uy < FLAT and vy < 0.2 and abs(same) > 0.9:

@@ -16,6 +16,7 @@ from rich.table import Table
 from cell import calibration, frames, wiring
 from cell import config as configuration
 from cell.calibration import Calibration
+from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, UsageError
 from cell.missed import MissedParts
@@ -31,7 +32,8 @@ from vision.locate import locate
 from vision.types import Candidate, Floats, Plane, Refused, Scene, Tuning
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
+"""2: ``residual_px`` of a segment that nobody explains is null; sigmas, crossings, row offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,6 +86,7 @@ def from_files(left: Path, right: Path, calibration_path: Path, part_path: Path,
     if depth is None and known.table is not None:
         depth = calibration.depth_bounds_m(known, known.table, tuning.height_m)
     _refuse_too_long(part, known, depth)
+    _refuse_colour(part, pixels[0], str(left), tuning)
     return Sight(
         left=pixels[0],
         right=pixels[1],
@@ -124,6 +127,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
     tuning = config.tuning.tuning()
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
+    _refuse_colour(part, pair.left.pixels, pair.left.camera, tuning)
     return Sight(
         left=pair.left.pixels,
         right=pair.right.pixels,
@@ -138,7 +142,10 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
 
 
 def look(sight: Sight, out: Path, console: Console) -> int:
-    """Find, draw, write ``overlay.png`` and ``look.json`` into ``out``, print a table; exit code 0."""
+    """Find, draw, write ``overlay.png`` and ``look.json`` into ``out``, print a table; exit code 0.
+
+    In the table ± is one standard deviation, "under" the order of whatever lies over a part.
+    """
     times = StageTimes(MonotonicClock())
     scene = locate(
         _grey(sight.left),
@@ -148,6 +155,7 @@ def look(sight: Sight, out: Path, console: Console) -> int:
         sight.tuning,
         sight.table,
         observe=times,
+        colour_left=None if sight.part.colour is None else in_colour(sight.left),
     )
     plans = _plans(sight, scene)
     overlay = draw(sight.left, scene, sight.known.stereo, sight.part.model())
@@ -162,6 +170,12 @@ def look(sight: Sight, out: Path, console: Console) -> int:
     except OSError as error:
         raise UsageError(f"{out}: cannot be written: {error.strerror}") from error
     console.print(_table(scene, plans))
+    if scene.row_offset_px:
+        console.print(
+            f"the rows of the right picture are {scene.row_offset_px:+.2f} px off the calibration "
+            "(corrected for this look): calibrate the cameras again",
+            soft_wrap=True,
+        )
     console.print(
         f"{len(scene.offered)} offered, {len(scene.candidates) - len(scene.offered)} refused; "
         f"method {scene.method}; {out / 'overlay.png'}, {out / 'look.json'}",
@@ -200,6 +214,21 @@ def _refuse_too_long(part: PartConfig, known: Calibration, depth: tuple[float, f
         )
 
 
+def _refuse_colour(part: PartConfig, left: Pixels, left_name: str, tuning: Tuning) -> None:
+    """Raise `UsageError` where the part is told by its colour and colour cannot be told."""
+    if part.colour is None:
+        return
+    if tuning.method == "published":
+        raise UsageError(
+            f"part {part.name}: the published method does not look at colour; leave out --method"
+        )
+    if in_colour(left) is None:
+        raise UsageError(
+            f"{left_name}: the picture is grey, but part {part.name} is told by its colour; give a picture "
+            "in colour or leave out the part's colour"
+        )
+
+
 def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
     """Plans by the identity of their candidate, where the robot's place is known from a configuration."""
     if sight.config is None:
@@ -230,6 +259,11 @@ def _why(candidate: Candidate, plan: Plan | None) -> list[tuple[str, float, floa
     return listed
 
 
+def _number(value: float, digits: int = 6) -> float | None:
+    """A number for JSON, which has no infinity and no NaN: those are null."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
 def _numbers(array: Floats) -> list[Json]:
     return [round(float(v), 6) for v in array]
 
@@ -247,7 +281,9 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             "nodes_m": [_numbers(node) for node in candidate.nodes],
             "length_m": round(candidate.length_m, 6),
             "score": round(candidate.score, 4),
-            "residual_px": round(candidate.residual_px, 4),
+            "residual_px": _number(candidate.residual_px, 4),
+            "sigma_m": _number(candidate.sigma_m),
+            "sigma_rad": _number(candidate.sigma_rad),
             "refusals": [
                 {"reason": name, "value": round(value, 6), "limit": round(limit, 6), "unit": unit}
                 for name, value, limit, unit in _why(candidate, plan)
@@ -258,16 +294,25 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
             entry["end_base_m"] = _numbers(transforms.apply(base, candidate.end))
         if plan is not None and plan.pick is not None:
             entry["grasp_base"] = [round(v, 6) for v in plan.pick.grasp.six()]
-            room = plan.pick.clearance_m  # JSON has no infinity: null where nothing else is seen
-            entry["clearance_m"] = round(room, 6) if math.isfinite(room) else None
+            entry["clearance_m"] = _number(plan.pick.clearance_m)  # null where nothing else is seen
         candidates.append(entry)
     segments: list[Json] = [
         {
             "start_m": _numbers(scene.segments.start[i]),
             "end_m": _numbers(scene.segments.end[i]),
-            "residual_px": round(float(scene.segments.residual_px[i]), 4),
+            "residual_px": _number(float(scene.segments.residual_px[i]), 4),
         }
         for i in range(len(scene.segments.start))
+    ]
+    crossings: list[Json] = [
+        {
+            "above": crossing.above + 1,  # the candidates' order
+            "below": crossing.below + 1,
+            "point_m": _numbers(crossing.point),
+            "gap_m": _number(crossing.gap_m),
+            "sure": _number(crossing.sure, 4),
+        }
+        for crossing in scene.crossings
     ]
     views: dict[str, Json] = {
         name: {
@@ -291,6 +336,8 @@ def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTi
         "views": views,
         "segments": segments,
         "candidates": candidates,
+        "crossings": crossings,
+        "row_offset_px": _number(scene.row_offset_px, 4),
         "durations_s": {name: round(seconds, 5) for name, seconds in times.durations_s.items()},
     }
 
@@ -299,8 +346,12 @@ def _table(scene: Scene, plans: dict[int, Plan]) -> Table:
     table = Table(title=None)
     for heading, justify in (("order", "right"), ("length mm", "right"), ("centre mm (left camera)", "left")):
         table.add_column(heading, justify="right" if justify == "right" else "left")
-    table.add_column("score", justify="right")
+    for heading in ("score", "± mm", "± °", "under"):
+        table.add_column(heading, justify="right")
     table.add_column("offered, or why not")
+    under: dict[int, list[int]] = {}
+    for crossing in scene.crossings:
+        under.setdefault(crossing.below + 1, []).append(crossing.above + 1)
     for order, candidate in enumerate(scene.candidates, start=1):
         why = _why(candidate, plans.get(id(candidate)))
         x, y, z = (1000 * float(v) for v in candidate.centre)
@@ -309,9 +360,17 @@ def _table(scene: Scene, plans: dict[int, Plan]) -> Table:
             f"{1000 * candidate.length_m:.1f}",
             f"{x:.1f}, {y:.1f}, {z:.1f}",
             f"{candidate.score:.2f}",
+            _shown(1000 * candidate.sigma_m, 2),
+            _shown(math.degrees(candidate.sigma_rad), 2),
+            ", ".join(str(above) for above in sorted(under.get(order, ()))),
             "; ".join(_said(*reason) for reason in why) if why else "[green]offered[/green]",
         )
     return table
+
+
+def _shown(value: float, digits: int) -> str:
+    """A number for people; nothing where the method does not tell it."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
 def _said(name: str, value: float, limit: float, unit: str) -> str:

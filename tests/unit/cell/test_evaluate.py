@@ -79,6 +79,49 @@ def test_results_are_millimetres_in_the_form_of_the_scoring_program(root: Path, 
     assert found["segments"]
 
 
+def test_results_say_how_sure_what_lies_on_what_and_how_long_each_stage_took(root: Path) -> None:
+    ends = np.array([[[300, 200], [450, 200]], [[340, 150], [400, 270]]], np.float64)
+    write_scene(root, "cross", bars(0, ends), bars(120, ends))
+    evaluate(root, root / "out", "default", only=("cross",))
+    found = result(root / "out", "cross")
+    detections = found["detections"]
+    assert isinstance(detections, list)
+    assert len(detections) == 2
+    for detection in detections:
+        assert 0 < detection["sigma_mm"] < 5
+        assert 0 < detection["sigma_deg"] < 5
+    crossings = found["crossings"]
+    assert isinstance(crossings, list)
+    (crossing,) = crossings
+    assert {crossing["above"], crossing["below"]} == {1, 2}
+    assert isinstance(crossing["gap_mm"], float)
+    under = next(d for d in detections if d["rank"] == crossing["below"])
+    assert [why["reason"] for why in under["refusals"]] == ["CROSSED"]
+    reasons = found["reasons"]
+    assert isinstance(reasons, dict)
+    assert reasons["CROSSED"] == 1
+    assert found["row_offset_px"] == 0.0
+    stages = found["stages_ms"]
+    assert isinstance(stages, dict)
+    assert {"binarize", "explain", "polish"} <= set(stages)
+    assert isinstance(found["time_ms"], float)
+    assert sum(stages.values()) <= found["time_ms"] + 1.0
+    assert "nothing" not in found
+
+
+def test_a_scene_with_nothing_to_pick_says_why_in_words(root: Path) -> None:
+    ends = np.array([[[300, 120], [330, 290]]], np.float64)  # 115 mm
+    write_scene(root, "long", bars(0, ends), bars(120, ends))
+    empty = np.zeros((0, 2, 2))
+    write_scene(root, "empty", bars(0, empty), bars(120, empty) + np.uint8(1))
+    evaluate(root, root / "out", "default", only=("long", "empty"))
+    long = result(root / "out", "long")
+    assert long["detections"] == []
+    assert str(long["nothing"]).startswith("1 seen, none to be had: ")
+    assert "length does not fit the product (1)" in str(long["nothing"])
+    assert result(root / "out", "empty")["nothing"] == "nothing near the product's size was seen"
+
+
 def test_a_bad_picture_gives_no_detection_and_says_why(root: Path) -> None:
     evaluate(root, root / "out", "published", only=("white",))
     found = result(root / "out", "white")

@@ -23,7 +23,8 @@ from cell.faults import PictureUnusable
 from drivers.types import Pixels
 from tests.data.make import CAMERA_BASE_M, FLOOR_Z_M, LENGTH_M, ends_base_m
 from tests.fakes.station import DATA
-from vision.types import Tuning
+from vision.locate import locate
+from vision.types import Scene, Tuning
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 LEFT, RIGHT = DATA / "left.png", DATA / "right.png"
@@ -208,6 +209,33 @@ def test_the_document_names_its_frame_units_files_and_times(tmp_path: Path) -> N
     assert document["durations_s"]
 
 
+def test_the_document_says_how_sure_it_is_and_what_lies_on_what(tmp_path: Path) -> None:
+    document, printed = looked(sight(), tmp_path / "out")
+    for entry in candidates(document):
+        assert 0 < points(entry, "sigma_m")[0] < 0.005
+        assert 0 < points(entry, "sigma_rad")[0] < 0.1
+    crossings = document["crossings"]
+    assert isinstance(crossings, list)
+    orders = {entry["order"] for entry in candidates(document)}
+    for crossing in crossings:
+        assert isinstance(crossing, dict)
+        assert crossing["above"] in orders
+        assert crossing["below"] in orders
+    assert document["row_offset_px"] == 0.0
+    assert "± mm" in printed
+    assert "rows of the right picture" not in printed
+
+
+def test_rows_that_had_to_be_corrected_are_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def corrected(*arguments: object, **named: object) -> Scene:
+        return replace(locate(*arguments, **named), row_offset_px=-1.7)  # type: ignore[arg-type]  # passed on
+
+    monkeypatch.setattr(look, "locate", corrected)
+    document, printed = looked(sight(), tmp_path / "out")
+    assert document["row_offset_px"] == -1.7
+    assert "the rows of the right picture are -1.70 px off the calibration" in printed
+
+
 def test_every_refusal_has_a_name_a_number_and_a_limit(tmp_path: Path) -> None:
     part = tmp_path / "part.yaml"
     part.write_text(PART.read_text().replace("length_m: 0.080", "length_m: 0.070"))
@@ -302,11 +330,13 @@ def test_a_lone_part_has_room_without_end_and_that_is_null(tmp_path: Path) -> No
     alone = sight()
     settings = config.load(DATA / "cell.yaml")
     with_robot = replace(alone, config=settings)
-    # cover all but the first stick with the table's grey
+    # cover all but the first stick with the table's grey and a sensor's noise
     kept = [np.array(p) for p in (alone.left, alone.right)]
+    rng = np.random.default_rng(3)
     for picture in kept:
-        picture[:, 210:] = picture[:, 208:209]
-        picture[:170] = picture[168:169]
+        table = (np.median(picture) + rng.normal(0, 2, picture.shape)).astype(np.uint8)
+        picture[:, 210:] = table[:, 210:]
+        picture[:170] = table[:170]
     document, _ = looked(replace(with_robot, left=kept[0], right=kept[1]), tmp_path / "out")
     rooms = [entry["clearance_m"] for entry in candidates(document) if "clearance_m" in entry]
     assert rooms == [None]

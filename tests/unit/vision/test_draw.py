@@ -1,5 +1,7 @@
 """The overlay: things are drawn where they are, and said in words a person reads."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from vision import draw, stereo, transforms
 from vision.types import (
     CameraModel,
     Candidate,
+    Crossing,
     Floats,
     Graph,
     Matches,
@@ -103,6 +106,47 @@ def test_the_given_picture_is_not_changed_and_colour_is_taken_too() -> None:
     np.testing.assert_array_equal(colour, before)
 
 
+UPPER = candidate([-0.05, 0.0, 0.39], [0.05, 0.0, 0.39])
+LOWER = candidate([0.0, -0.05, 0.4], [0.0, 0.05, 0.4])
+
+
+def crossed(sure: float, above: int = 0) -> Scene:
+    point = np.array([0.0, 0.0, 0.39])
+    over = Crossing(above=above, below=1 - above, point=point, gap_m=0.006, sure=sure)
+    return replace(scene(UPPER, LOWER), crossings=(over,))
+
+
+def white(picture: draw.Picture) -> tuple[Floats, Floats]:
+    """Places of white pixels from the middle of the drawn picture; to the right, down."""
+    u, v = 2 * stereo.project(np.array([[0.0, 0.0, 0.39]]), RIG)[0][0] + 0.5
+    rows, columns = np.nonzero((picture[:480] > 130).all(axis=2))
+    return columns - u, rows - v
+
+
+@pytest.mark.parametrize("above", [0, 1], ids=["the level one", "the upright one"])
+def test_a_part_that_lies_over_another_has_rails_along_it(above: int) -> None:
+    plain = white(draw.draw(GREY, scene(UPPER, LOWER), RIG, STICK))
+    places = white(draw.draw(GREY, crossed(4.0, above), RIG, STICK))
+    assert len(plain[0]) == 0
+    along, across = places if above == 0 else places[::-1]
+    assert np.abs(np.abs(across) - draw.RAIL_PX).max() < 2.0
+    assert np.ptp(along) > draw.BRIDGE_PX
+    assert across.min() < 0 < across.max()
+
+
+def test_an_order_in_doubt_is_a_ring() -> None:
+    along, across = white(draw.draw(GREY, crossed(0.4), RIG, STICK))
+    assert len(along) > 10
+    assert np.abs(np.hypot(along, across) - draw.RING_PX).max() < 2.0
+
+
+def test_corrected_rows_are_said_in_a_line_of_their_own() -> None:
+    plain = draw.draw(GREY, scene(UPPER), RIG, STICK)
+    moved = draw.draw(GREY, replace(scene(UPPER), row_offset_px=-1.7), RIG, STICK)
+    assert moved.shape[0] == plain.shape[0] + draw.LEGEND_PX
+    assert np.count_nonzero(moved[-draw.LEGEND_PX :] > 200) > 50
+
+
 def test_a_part_outside_the_picture_does_no_harm() -> None:
     far = candidate([-0.9, 0.0, 0.4], [0.9, 0.0, 0.4])
     behind = candidate([0.0, 0.0, -0.4], [0.1, 0.0, -0.4])
@@ -124,6 +168,12 @@ def test_a_picture_of_another_size_is_refused() -> None:
         (Refused(reason=Refusal.TILT, value=0.9, limit=0.7, unit="rad"), "tilt 52 > 40 deg"),
         (Refused(reason=Refusal.LOW_SCORE, value=0.1, limit=0.3, unit="1"), "score 0.10 < 0.30"),
         (Refused(reason=Refusal.CROSSED, value=2.0, limit=0.0, unit="1"), "covered by 2"),
+        (Refused(reason=Refusal.COLOUR, value=3.9, limit=0.244, unit="rad"), "hue 223, not 14 deg"),
+        (Refused(reason=Refusal.COLOUR, value=0.04, limit=0.07, unit="1"), "colour 0.04 < 0.07"),
+        (Refused(reason=Refusal.FLANKS, value=0.05, limit=0.1, unit="1"), "one flank 0.05 < 0.10"),
+        (Refused(reason=Refusal.BENT, value=1.24, limit=0.8, unit="px"), "bent 1.2 > 0.8 px"),
+        (Refused(reason=Refusal.VAGUE, value=0.0062, limit=0.004, unit="m"), "vague 6.2 > 4.0 mm"),
+        (Refused(reason=Refusal.ROWS, value=4.1, limit=3.0, unit="px"), "rows off 4.1 > 3.0 px"),
         (Refused(reason=Refusal.DUPLICATE, value=1.0, limit=0.0, unit="1"), "duplicate"),
     ],
 )

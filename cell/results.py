@@ -1,0 +1,84 @@
+"""What an order came to, in the words of the journal and the PLC."""
+
+from __future__ import annotations
+
+from cell.emptiness import is_empty
+from cell.planning import PlanRefusal, PlanRefused
+from cell.station import Look, Station
+from cell.types import Outcome, Pick, PickOrder, PickResult
+from drivers.types import PlcCommand, ResultCode
+
+
+def plain(
+    order: PickOrder,
+    code: ResultCode,
+    *,
+    outcome: Outcome = Outcome.NONE,
+    detail: int = 0,
+    quantity: int = 0,
+) -> PickResult:
+    """A result of an order that looked at nothing."""
+    return PickResult(
+        request_id=order.request_id, code=code, outcome=outcome, detail=detail, quantity=quantity
+    )
+
+
+def nothing_to_pick(station: Station, order: PickOrder, look: Look, refused: list[PlanRefused]) -> PickResult:
+    """Empty, or parts that cannot be had: the detail tells the two apart."""
+    empty = is_empty(
+        look.scene,
+        look.part.length_m,
+        station.stereo,
+        station.table,
+        station.base_from_camera,
+        station.workspace,
+    )
+    outcome = Outcome.BIN_EMPTY if empty else Outcome.NOTHING_GRASPABLE
+    reasons = {why.reason for why in refused}
+    code = ResultCode.NO_PART_FOUND
+    if reasons & {PlanRefusal.CLEARANCE}:
+        code = ResultCode.COLLISION
+    elif reasons & {PlanRefusal.REACH, PlanRefusal.WORKSPACE}:
+        code = ResultCode.UNREACHABLE
+    return PickResult(
+        request_id=order.request_id,
+        code=code,
+        outcome=outcome,
+        detail=int(outcome),
+        part_type=look.part.code,
+        seen=len(look.scene.candidates),
+        refused=_counts(look, refused),
+    )
+
+
+def report(
+    order: PickOrder,
+    look: Look,
+    pick: Pick,
+    refused: list[PlanRefused],
+    code: ResultCode,
+    outcome: Outcome,
+) -> PickResult:
+    """A result of a look that gave a pick."""
+    only_looked = order.command is PlcCommand.VISION_ONLY
+    graspable = sum(plan.pick is not None for plan in look.plans)
+    return PickResult(
+        request_id=order.request_id,
+        code=code,
+        outcome=outcome,
+        detail=int(outcome),
+        quantity=graspable if only_looked else int(outcome is Outcome.PICKED),
+        part_type=look.part.code,
+        confidence=pick.score,
+        pose=pick.grasp,
+        seen=len(look.scene.candidates),
+        refused=_counts(look, refused),
+    )
+
+
+def _counts(look: Look, refused: list[PlanRefused]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    names = [why.reason.name for c in look.scene.candidates for why in c.refusals]
+    for name in [*names, *(why.reason.name for why in refused)]:
+        counts[name] = counts.get(name, 0) + 1
+    return counts
