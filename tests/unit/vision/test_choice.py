@@ -1,16 +1,19 @@
-"""The choice of a set: each piece of evidence once, both of two that cross, hidden where something lies over."""
+"""The choice of a set: evidence once, both of two that cross, hidden where something lies over."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.reference.looks import Floats, drawn, frame, hypotheses, state_of
+from tests.reference.looks import drawn, frame, hypotheses, state_of
 from tests.reference.sticks import Stick, lying
-from vision import choice
 from vision.choice import NEVER, State, deepen, energy, exchange, gain_of, give_back, greedy, take
+from vision.types import Bools
 
 FRAME = frame()
 UPPER = lying(0.0, 0.0, 20, height_m=0.006)
@@ -27,7 +30,7 @@ def moved(stick: Stick, along_m: float = 0.0, aside_m: float = 0.0) -> Stick:
     return Stick(start=stick.start + by, end=stick.end + by)
 
 
-def fresh(sticks: list[Stick]) -> tuple[State, choice.Bools]:
+def fresh(sticks: list[Stick]) -> tuple[State, Bools]:
     return state_of(hypotheses(sticks, FRAME), PICTURES, FRAME), np.zeros(len(sticks), np.bool_)
 
 
@@ -153,12 +156,18 @@ BOARD, _ = fresh(MANY)
 
 def board() -> State:
     """A board of its own for each example, with nothing chosen."""
-    return State(*(part.copy() if isinstance(part, np.ndarray) else part for part in BOARD))
+    return BOARD._replace(
+        taken_l=BOARD.taken_l.copy(), taken_r=BOARD.taken_r.copy(), soft=BOARD.soft.copy(),
+        hard=BOARD.hard.copy(), covers=BOARD.covers.copy(), covered=BOARD.covered.copy(),
+        gain=BOARD.gain.copy(),
+    )  # fmt: skip
 
 
-def copied(now: State) -> list[Floats]:
+def copied(now: State) -> list[npt.NDArray[Any]]:
     """All that `take` changes, but for the gains and for what it only remembers."""
-    used = [now.covers[h, view, : now.covered[h, view]].copy() for h in range(len(MANY)) for view in range(2)]
+    used: list[npt.NDArray[Any]] = [
+        now.covers[h, view, : now.covered[h, view]].copy() for h in range(len(MANY)) for view in range(2)
+    ]
     return [now.taken_l.copy(), now.taken_r.copy(), now.hard.copy(), now.covered.copy(), *used]
 
 

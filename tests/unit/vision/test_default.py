@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import runpy
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -239,8 +240,10 @@ def bent(turn_deg: float) -> list[Stick]:
     """Short pieces on an arc of a decimetre that turns by this much."""
     turn = np.radians(np.linspace(-0.5 * turn_deg, 0.5 * turn_deg, 15))
     radius = 0.1 / np.radians(turn_deg)
-    points = np.stack([radius * np.sin(turn), radius * (np.cos(turn) - 1), np.full(15, DEPTH_M - 0.002)], axis=1)
-    return [Stick(start=a, end=b) for a, b in zip(points[:-1], points[1:], strict=True)]
+    points = np.stack(
+        [radius * np.sin(turn), radius * (np.cos(turn) - 1), np.full(15, DEPTH_M - 0.002)], axis=1
+    )
+    return [Stick(start=a, end=b) for a, b in pairwise(points)]
 
 
 @pytest.mark.parametrize("turn_deg", [25, 60])

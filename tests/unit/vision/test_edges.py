@@ -46,7 +46,7 @@ def bars(offsets_px: list[float], angle_rad: float, width_px: float = 6.0, betwe
     if len(offsets_px) == 2 and between != DARK:
         seam = np.abs(across - 0.5 * sum(offsets_px)) < 0.8
         grey = np.where(seam, between, grey)
-        grey = cv2.GaussianBlur(grey, (0, 0), 0.6)
+        grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.6), np.float64)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
@@ -131,7 +131,8 @@ def test_faint_and_full_edges_are_told_apart_and_noise_is_none() -> None:
 
 def test_an_empty_mask_has_no_edges_and_the_canvas_stays_its_size() -> None:
     on = canvas(rig())
-    nothing = edges(np.zeros((480, 640), np.uint8), *[np.zeros((480, 640), np.bool_)] * 2, 0.0, on, 0)
+    none = np.zeros((480, 640), np.bool_)
+    nothing = edges(np.zeros((480, 640), np.uint8), none, none, 0.0, on, 0)
 
     assert nothing.table.shape == (0, 5)
     assert nothing.at.shape == nothing.ground.shape == (on.height_px, on.width_px)

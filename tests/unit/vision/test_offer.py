@@ -1,4 +1,4 @@
-"""Gates, order and score of measured parts: one look at drawn sticks, changed by hand where a gate should close."""
+"""Gates, order and score of measured parts: drawn sticks, changed by hand where a gate should close."""
 
 from __future__ import annotations
 
@@ -286,7 +286,8 @@ def test_parts_of_quite_another_length_are_nobodys_concern() -> None:
 def test_pieces_that_no_part_lies_along_are_left() -> None:
     part = ONE_MEASURED.parts[0]
     own = np.stack([part[1:3], 0.5 * (part[1:3] + part[4:6])])
-    across = np.stack([part[1:3] + (20.0, 0.0), part[1:3] - (20.0, 0.0)])
+    aside = np.array([20.0, 0.0])
+    across = np.stack([part[1:3] + aside, part[1:3] - aside])
     far = own + 50.0
 
     left = unexplained(np.stack([own, across, far]), ONE_MEASURED, FRAME.width_px)

@@ -45,7 +45,7 @@ def test_on_the_canvas_a_piece_is_its_middle_and_its_direction() -> None:
 
     line = on_canvas_lines(piece, on, 1, 1.5)[0]
 
-    ends = points_through_grid(on.from_raw[1], piece[0]) + (0.0, 1.5)
+    ends = points_through_grid(on.from_raw[1], piece[0]) + np.array([0.0, 1.5])
     assert line[:2] == pytest.approx(ends.mean(axis=0))
     assert line[2:] == pytest.approx((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
 

@@ -1,6 +1,8 @@
-"""The last measurement: doubt in metres against a Monte Carlo, light from one side, bent and overlong parts."""
+"""The last measurement: doubt in metres against a Monte Carlo, light from one side, bent parts."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -77,7 +79,7 @@ def test_a_bent_stick_has_a_bow() -> None:
     turn = np.radians(np.linspace(-14, 14, 15))
     radius = 0.05 / np.sin(turn[-1])
     points = np.stack([radius * np.sin(turn), radius * (np.cos(turn) - 1), np.full(15, 0.398)], axis=1)
-    pieces = [Stick(start=a, end=b) for a, b in zip(points[:-1], points[1:], strict=True)]
+    pieces = [Stick(start=a, end=b) for a, b in pairwise(points)]
 
     greys = pair(pieces)
     pictures = seen(greys, FRAME)

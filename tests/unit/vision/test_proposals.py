@@ -1,4 +1,4 @@
-"""Lines of one picture on drawn sticks: found where they are, with their ends; merged masks do not lose them."""
+"""Lines of one picture on drawn sticks: where they are, with their ends, also where masks merge."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_sticks_side_by_side_whose_mask_is_one_are_lines_of_their_own() -> None:
 
     found = proposed(drawn(sticks, FRAME))
 
-    # at a seam grey changes most on the shoulders of both: the middle one looks narrower, the outer ones aside
+    # at a seam grey changes most on the shoulders of both: the middle one looks narrower
     assert max(nearest_line(found, stick)[1] for stick in sticks) < 1.5
     assert len({nearest_line(found, stick)[0] for stick in sticks}) == 3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.reference.looks import ROD, Seen, drawn, frame, hypotheses, seen
+from tests.reference.looks import Seen, drawn, frame, hypotheses, seen
 from tests.reference.sticks import Stick, lying, pair
 from vision.canvas import in_space
 from vision.edges import Edges
@@ -185,7 +185,7 @@ def test_the_length_of_an_axis_is_its_length_in_space() -> None:
 
 
 def outline_beyond(stick: Stick, end: int, view: int) -> float:
-    """Mean over the five lanes of how far the far rim of an end face is seen beyond the axis, by brute force."""
+    """How far the far rim of an end face is seen beyond the axis, mean of five lanes, by brute force."""
     on = FRAME.on
     rotation = on.rect.rect_from_left
     start, stop = rotation @ stick.start, rotation @ stick.end

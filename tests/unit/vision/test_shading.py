@@ -103,16 +103,15 @@ def test_the_quadrature_of_the_basis_is_the_integral() -> None:
 
 
 def flanks(shift_of_way: Floats, normals: Floats, stations: Floats, spoilt: Floats | None = None) -> Flanks:
-    """Readings of N parts in one view: a flank that looks along n is seen ``shift_of_way @ (1, n)`` inside."""
+    """Readings of N parts in one view: a flank that looks along n is ``shift_of_way @ (1, n)`` inside."""
     outward_low = np.column_stack([np.ones(len(normals)), -normals])
     outward_high = np.column_stack([np.ones(len(normals)), normals])
     low, high = outward_low @ shift_of_way, -(outward_high @ shift_of_way)
     if spoilt is not None:
         low = low + spoilt
-    two = lambda of: np.stack([of, np.zeros_like(of)], axis=1)  # noqa: E731
     return Flanks(
-        low_px=two(low),
-        high_px=two(high),
+        low_px=np.stack([low, 0 * low], axis=1),
+        high_px=np.stack([high, 0 * high], axis=1),
         stations=np.stack([stations, np.zeros(len(normals))], axis=1),
         normal=np.stack([normals, normals], axis=1),
     )

@@ -30,7 +30,8 @@ def off_px(rows: Floats, stick: Stick) -> Floats:
     """(N,) how far each row is off a stick, the worst of its six numbers, whichever way it runs."""
     truth = ends_px(stick, FRAME)
     turned = np.concatenate([truth[3:], truth[:3]])
-    return np.minimum(np.abs(rows[:, 1:7] - truth).max(axis=1), np.abs(rows[:, 1:7] - turned).max(axis=1))
+    straight, turned = (np.abs(rows[:, 1:7] - other).max(axis=1) for other in (truth, turned))
+    return np.asarray(np.minimum(straight, turned), np.float64)
 
 
 @pytest.mark.parametrize("angle_deg", [0, 5, 30, 60, 90, 135])
