@@ -31,8 +31,8 @@ THROUGH = 0.6
 THROUGH_LENGTHS = 0.25
 PARALLEL = 0.97
 BELOW_SHARE, ABOVE_SHARE, CROSSING, ALONG = 0.35, 0.5, 0.95, 0.985
-"""A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing and not
-along it (cosine), from the second share above it."""
+"""A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing
+and not along it (cosine), from the second share above it."""
 LEAST_ALONE, RIVAL_SHARE = -0.5, 0.5
 MOST_COVERS = 64
 LEAST_RISE = 0.02
@@ -42,7 +42,7 @@ NEVER = -1e9
 class State(NamedTuple):
     """Everything the compiled choice works on; N hypotheses, two views."""
 
-    count: npt.NDArray[np.int32]
+    samples: npt.NDArray[np.int32]
     ends: Floats
     width: Floats
     value: Reals
@@ -111,7 +111,7 @@ def state(
     if related:
         near_at, near = _neighbours(seen.ends, width_px + 2.0)
     made = State(
-        count=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
+        samples=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
         beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
         table_l=left.table, at_l=left.at, table_r=right.table, at_r=right.at,
@@ -122,7 +122,8 @@ def state(
         claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
         gain=np.zeros(n), near_at=near_at, near=near,
         pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
-        rival=np.zeros(len(near), np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
+        rival=np.zeros(len(near), np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m,
+        step_d=diameter_d,
     )  # fmt: skip
     _relate(made)
     return made
@@ -137,7 +138,7 @@ def gain_of(h: int, s: State) -> float:
     hidden = np.zeros(s.value.shape[2], np.uint8)
     for view in range(2):
         taken = s.taken_l if view == 0 else s.taken_r
-        steps = s.count[h, view]
+        steps = s.samples[h, view]
         hidden[:steps] = 0
         for c in range(s.covered[h, view]):
             level = 1 + s.covers[h, view, c, 3]
@@ -185,7 +186,7 @@ def gain_of(h: int, s: State) -> float:
                 if a >= 0 and b >= 0 and taken[a] == 0 and taken[b] == 0:
                     more += min(s.beyond_value[h, view, end, q, 0], s.beyond_value[h, view, end, q, 1])
             total -= BEYOND_WEIGHT * more
-    return total
+    return float(total)
 
 
 @compiled
@@ -223,7 +224,7 @@ def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
     there = min(max((t0 + middle * t1) / size_k, 0.0), 1.0)
     own = s.disparity[h, 0] + middle * (s.disparity[h, 1] - s.disparity[h, 0])
     other = s.disparity[k, 0] + there * (s.disparity[k, 1] - s.disparity[k, 0])
-    steps = s.count[h, view]
+    steps = s.samples[h, view]
     return int(low * steps), min(int(np.ceil(high * steps)), steps), other - own
 
 
@@ -390,7 +391,8 @@ def _claim(s: State, k: int, add: bool) -> None:
 
 @compiled
 def promising(s: State) -> Bools:
-    """(N,) what may be chosen: enough evidence of its own, and not far less than a rival in the same place."""
+    """(N,) what may be chosen: enough evidence of its own, and not far less than a rival in the same
+    place."""
     count = len(s.gain)
     keep = np.ones(count, np.bool_)
     least = 2 * ACCEPT_LENGTHS * s.size_px
@@ -495,8 +497,8 @@ def energy(s: State, chosen: Bools) -> float:
 
 @compiled
 def deepen(s: State, chosen: Bools, margin: float, most: int) -> int:
-    """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the exchange
-    stays where the sum of all gains about it has risen. Returns how many stayed."""
+    """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the
+    exchange stays where the sum of all gains about it has risen. Returns how many stayed."""
     count = len(chosen)
     nobody = np.zeros(count, np.bool_)
     loss = np.empty(4 * most)

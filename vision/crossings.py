@@ -57,6 +57,16 @@ def crossed(parts: Floats, covariance: Floats, rows: list[int], state: State, fr
     return Crossed(above=above, sure=sure, place=place, gap=gap)
 
 
+def some_crossed(found: Crossed, count: int) -> Crossed:
+    """The crossings among the first ``count`` parts only."""
+    return Crossed(
+        above=found.above[:count, :count],
+        sure=found.sure[:count, :count],
+        place=found.place[:count, :count],
+        gap=found.gap[:count, :count],
+    )
+
+
 def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
     """Parts in the order in which they can be taken: always one with the least weight on it, then the best.
 
@@ -101,7 +111,7 @@ def _through(state: State, row: int, share: float, own: Floats, other: Floats) -
     reach = 0.5 * float(np.mean(state.width[row])) / max(sine, 0.15) / float(np.hypot(*a))
     seen = []
     for view in range(2):
-        steps = int(state.count[row, view])
+        steps = int(state.samples[row, view])
         first = max(0, int((share - reach) * steps))
         last = min(steps, int(np.ceil((share + reach) * steps)))
         if last > first:

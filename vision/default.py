@@ -1,23 +1,24 @@
 """The default method from two grey pictures to candidates: its stages in order.
 
-Adaptive foreground, Guo-Hall thinning and the skeleton graph propose where parts may lie; directed edges of both
-grey pictures say what is there; the set of parts of the known length that explains both pictures is chosen,
-measured on its own edges, and offered or refused.
+Adaptive foreground, Guo-Hall thinning and the skeleton graph propose where parts may lie; directed edges of
+both grey pictures say what is there; the set of parts of the known length that explains both pictures is
+chosen, measured on its own edges, and offered or refused.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vision import binarize, graph, thin
 from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
-from vision.crossings import Crossed, crossed
+from vision.crossings import crossed, some_crossed
 from vision.edges import Edges, edges
 from vision.explain import Explanation, Frame, explain
 from vision.foreground import Foreground, stands_out
-from vision.offer import Colour, Offered, candidates, unexplained
+from vision.offer import Colour, Offered, candidates, is_plain, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
@@ -45,6 +46,7 @@ from vision.types import (
 from vision.windows import strays, windows
 
 LINE_SLACK_PX = 3.0
+MOST_FIRST = 3
 LOWEST_DIAMETERS = 1.2
 """Axes are looked for from this many diameters below where a lying part has its own."""
 
@@ -83,8 +85,9 @@ def locate_default(
         See their records. Without ``tuning.depth_m`` a table is needed. ``tuning.band`` replaces the
         adaptive foreground.
     observe
-        Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``, ``explain``,
-        ``rows``, ``polish`` and ``retrieve``.
+        Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``,
+        ``explain``, ``rows``, ``polish`` and ``retrieve``; and with ``first``, before the rest is
+        explained, where a part is certain already: a `Scene` that is not complete.
     colour_left : (H, W, 3) uint8 BGR
         Needed for parts with a colour.
 
@@ -103,12 +106,20 @@ def locate_default(
         return locate_shapes(left_grey, right_grey, stereo_model, part, tuning, table, observe)
     require_pictures(left_grey, right_grey, stereo_model)
     if part.colour is not None and colour_left is None:
-        raise ValueError(f"part {part.name} is told by its colour; a colour picture of the left camera is needed")
+        raise ValueError(
+            f"part {part.name} is told by its colour; a colour picture of the left camera is needed"
+        )
     tell = observe or _nobody
     frame = frame_of(stereo_model, part, tuning, table)
     greys = (left_grey, right_grey)
     pictures = _look(greys, frame, tuning, 0.0, tell)
-    found, pool = _explain(pictures, frame, tell)
+
+    def early(found: Explanation) -> None:
+        first = _first(found, pictures, greys, frame, tuning, table, colour_left)
+        if first is not None:
+            tell("first", first)
+
+    found, pool = _explain(pictures, frame, tell, early if observe is not None else None)
     offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
     tell("rows", offset)
     if offset.significant:
@@ -132,8 +143,10 @@ def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: 
     gate = tuning.depth_m if tuning.depth_m is not None or table is None else None
     low, high = tuning.height_m
     resting = 0.5 * part.diameter_m
-    heights = (low, resting, high) if gate is not None else (
-        max(low, resting - LOWEST_DIAMETERS * part.diameter_m), resting, high
+    heights = (
+        (low, resting, high)
+        if gate is not None
+        else (max(low, resting - LOWEST_DIAMETERS * part.diameter_m), resting, high)
     )
     planes = disparity_planes(on, heights, table, gate if gate is not None else (None if table else depth_m))
     middle = on.centre_px
@@ -162,9 +175,7 @@ def _look(
         for grey, one in zip(greys, found, strict=True)
     ]
     tell("binarize", tuple(masks))
-    views = [
-        _view(grey, mask, one, tuning) for grey, mask, one in zip(greys, masks, found, strict=True)
-    ]
+    views = [_view(grey, mask, one, tuning) for grey, mask, one in zip(greys, masks, found, strict=True)]
     tell("graph", tuple(view.graph for view in views))
     shifts = (0.0, row_shift_px)
     seen = [
@@ -173,9 +184,7 @@ def _look(
     ]
     tell("edges", tuple(seen))
     pictures = []
-    for side, (grey, one, view, of, shift) in enumerate(
-        zip(greys, found, views, seen, shifts, strict=True)
-    ):
+    for side, (grey, one, view, of, shift) in enumerate(zip(greys, found, views, seen, shifts, strict=True)):
         pieces = straight_pieces(view.graph, frame.width_px)
         on_line = on_canvas_lines(pieces, frame.on, side, shift)
         pictures.append(
@@ -204,17 +213,74 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
 
 
 def _explain(
-    pictures: tuple[_Picture, _Picture], frame: Frame, tell: Observer
+    pictures: tuple[_Picture, _Picture],
+    frame: Frame,
+    tell: Observer,
+    early: Callable[[Explanation], None] | None = None,
 ) -> tuple[Explanation, Floats]:
     # two lines tell the disparity at their ends to a few pixels only; the refined part is held to the heights
-    planes = np.stack([frame.low - (0.0, 0.0, LINE_SLACK_PX), frame.high + (0.0, 0.0, LINE_SLACK_PX)])
-    arguments = (pictures[0].lines, pictures[1].lines, frame.on, planes,
-                 frame.part.length_m, frame.width_px, frame.length_px, frame.unit)  # fmt: skip
-    pool = np.concatenate([windows(*arguments), strays(*arguments)])
+    slack = np.array([0.0, 0.0, LINE_SLACK_PX])
+    planes = np.stack([frame.low - slack, frame.high + slack])
+    lines_of = (pictures[0].lines, pictures[1].lines)
+    length_m, length_px = frame.part.length_m, frame.length_px
+    pool = np.concatenate(
+        [
+            windows(*lines_of, frame.on, planes, length_m, frame.width_px, length_px, frame.unit),
+            strays(*lines_of, frame.on, planes, length_m, length_px, frame.unit),
+        ]
+    )
     tell("windows", pool)
-    found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+    found = explain(pool, pictures[0].edges, pictures[1].edges, frame, early)
     tell("explain", found)
     return found, pool
+
+
+def _first(
+    found: Explanation,
+    pictures: tuple[_Picture, _Picture],
+    greys: tuple[Grey, Grey],
+    frame: Frame,
+    tuning: Tuning,
+    table: Plane | None,
+    colour: Colour | None,
+) -> Scene | None:
+    """A scene with the parts that are certain already: seen whole in both pictures, ends and all, nothing
+    over them, and rows that agree. None where there is no such part. Its segments are everything chosen so
+    far."""
+    plain = [row for row in range(len(found.chosen)) if is_plain(found, row, frame)]
+    if not plain:
+        return None
+    if row_offset(found, pictures[0].edges, pictures[1].edges, frame).significant:
+        return None
+    best = sorted(plain, key=lambda row: -found.margin[row])[:MOST_FIRST]
+    few = replace(found, chosen=[found.chosen[row] for row in best], margin=found.margin[best])
+    measured = polish(few, pictures[0].edges, pictures[1].edges, greys, 0.0, frame)
+    rest = [row for row in range(len(found.chosen)) if row not in best]
+    others = found.hypotheses[[found.chosen[row] for row in rest]]
+    parts = np.concatenate([measured.parts, others])
+    covariance = np.concatenate([measured.covariance, np.repeat(np.eye(6)[None], len(others), axis=0)])
+    rows = [*few.chosen, *(found.chosen[row] for row in rest)]
+    over = crossed(parts, covariance, rows, found.state, frame)
+    free = [place for place in range(len(best)) if not over.above[:, place].any()]
+    if not free:
+        return None
+    offered = candidates(measured, few, some_crossed(over, len(best)), frame, tuning, table, colour, 0.0)
+    kept = tuple(
+        candidate
+        for candidate, row in zip(offered.candidates, offered.rows, strict=True)
+        if candidate.offered and row in free
+    )
+    if not kept:
+        return None
+    everything = replace(
+        measured,
+        parts=parts,
+        bow_px=np.concatenate([measured.bow_px, np.full(len(others), np.nan)]),
+    )
+    scene = _scene(
+        Offered(candidates=kept, crossings=(), rows=[]), everything, pictures, frame, found.hypotheses, 0.0
+    )
+    return replace(scene, complete=False)
 
 
 def _scene(
@@ -225,7 +291,8 @@ def _scene(
     pool: Floats,
     row_offset_px: float,
 ) -> Scene:
-    """Everything measured is a segment; so is what nobody explains, laid on the table: both are in the way of jaws."""
+    """Everything measured is a segment; so is what nobody explains, laid on the table: both are in the way
+    of jaws."""
     ends = in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on).reshape(-1, 2, 3)
     pieces = pictures[0].pieces
     moved = points_through_grid(frame.on.from_raw[0], pieces.reshape(-1, 2)).reshape(-1, 2, 2)
@@ -287,6 +354,3 @@ def warm_up() -> None:
 
 def _nobody(_stage: str, _product: object) -> None:
     return None
-
-
-__all__ = ["Crossed", "frame_of", "locate_default", "warm_up"]

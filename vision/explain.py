@@ -1,12 +1,13 @@
 """Both pictures explained at once: the set of parts of known length that makes their edges, and nothing else.
 
 Lines of both pictures propose parts in space (`proposals`, `windows`), each is laid on its edges (`refine`),
-the set that explains the most is chosen (`choice`), then every chosen part is refined again on the edges nobody
-else claims, from several places near by, and the set is chosen anew.
+the set that explains the most is chosen (`choice`), then every chosen part is refined again on the edges
+nobody else claims, from several places near by, and the set is chosen anew.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from vision import choice
 from vision.canvas import Canvas, in_space
 from vision.edges import Edges
 from vision.flank import Counts
-from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, refine
+from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, XA, XB, YA, YB, refine
 from vision.traits import Traits, joined, some, traits
 from vision.types import Bools, Floats, PartModel
 from vision.windows import distinct, outstanding
@@ -44,8 +45,8 @@ UNSHADED_SIGMA_PX = 0.1
 class Frame:
     """What is the same for all hypotheses of a look.
 
-    ``camera`` (4,) focal px, baseline m, principal point px; ``level`` (3,) disparity of the table as a plane;
-    ``low``, ``high`` (3,) disparity of the least and greatest height of an axis; ``width_px``,
+    ``camera`` (4,) focal px, baseline m, principal point px; ``level`` (3,) disparity of the table as a
+    plane; ``low``, ``high`` (3,) disparity of the least and greatest height of an axis; ``width_px``,
     ``length_px`` of the part at the table; ``diameter_d`` disparity of one diameter of height.
     """
 
@@ -77,8 +78,17 @@ class Explanation:
     seen: Traits
 
 
-def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
-    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
+def explain(
+    pool: Floats,
+    left: Edges,
+    right: Edges,
+    frame: Frame,
+    early: Callable[[Explanation], None] | None = None,
+) -> Explanation:
+    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures.
+
+    ``early`` gets the first greedy choice: what is plain to see in it will not change any more.
+    """
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
     hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
     settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 4.0)
@@ -91,9 +101,10 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
         now = _state(hypotheses, seen, left, right, frame, True)
-        nobody = np.zeros(len(hypotheses), np.bool_)
         chosen[:] = False
         choice.greedy(now, chosen)
+        if turn == 0 and early is not None:
+            early(_explanation(hypotheses, chosen, now, seen))
         for _ in range(2):
             if not choice.exchange(now, chosen):
                 break
@@ -108,9 +119,14 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
         kept = distinct(grown, SAME_PX)
         hypotheses, seen = np.ascontiguousarray(grown[kept]), some(seen, kept)
         chosen = np.zeros(len(hypotheses), np.bool_)
-    rows = np.flatnonzero(chosen)
-    margin = np.array([_margin(now, int(k), nobody) for k in rows]) if len(rows) else np.zeros(0)
-    return Explanation(hypotheses=hypotheses, chosen=[int(k) for k in rows], margin=margin, state=now, seen=seen)
+    return _explanation(hypotheses, chosen, now, seen)
+
+
+def _explanation(hypotheses: Floats, chosen: Bools, now: choice.State, seen: Traits) -> Explanation:
+    rows = [int(k) for k in np.flatnonzero(chosen)]
+    nobody = np.zeros(len(hypotheses), np.bool_)
+    margin = np.array([_margin(now, k, nobody) for k in rows], np.float64)
+    return Explanation(hypotheses=hypotheses, chosen=rows, margin=margin, state=now, seen=seen)
 
 
 def settle(
@@ -141,7 +157,9 @@ def _sound(hypotheses: Floats, frame: Frame) -> Bools:
     ends = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     known = hypotheses[:, LENGTH]
-    good = np.where(known > 0, np.abs(length / np.where(known > 0, known, 1.0) - 1) < LENGTH_SHARE, length > 0)
+    good = np.where(
+        known > 0, np.abs(length / np.where(known > 0, known, 1.0) - 1) < LENGTH_SHARE, length > 0
+    )
     for x, y, d in ((XA, YA, DA), (XB, YB, DB)):
         at = hypotheses[:, [x, y]]
         good &= hypotheses[:, d] > at @ frame.low[:2] + frame.low[2] - 0.3
@@ -168,7 +186,8 @@ def _state(
 def _on_own_edges(
     hypotheses: Floats, chosen: Bools, now: choice.State, left: Edges, right: Edges, frame: Frame
 ) -> Floats:
-    """Every chosen part refined on the edges that no other claims, from five places; what is plain to see is left as it is."""
+    """Every chosen part refined on the edges that no other claims, from five places; what is plain to see
+    is left as it is."""
     nudges = [[0.0] * 6]
     for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
         nudges.append([a * NUDGE_PX / 2, 0, a * NUDGE_PX, b * NUDGE_PX / 2, 0, b * NUDGE_PX])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.types import Grey, Mask, read_only
+from vision.types import Floats, Grey, Mask, read_only
 
 _BACKGROUND_WIDTHS = 12.0
 """A heap of parts without a gap is not background up to this size."""
@@ -60,12 +60,11 @@ def stands_out(grey: Grey, width_px: float) -> Foreground:
     near = _odd(2.0 * width_px)
     strongest = np.asarray(cv2.dilate(contrast, np.ones((near, near), np.uint8)), np.uint8)
     half = np.asarray(cv2.convertScaleAbs(strongest, alpha=_HALF), np.uint8)
-    limit = np.maximum(half, np.uint8(min(255, round(least))))
-    mask = np.asarray(cv2.compare(contrast, limit, cv2.CMP_GT), np.uint8)
-    low = max(_LEAST_CONTRAST_GREY, _FIFTH * typical)
+    mask = contrast > np.maximum(half, np.uint8(min(least, 255.0)))
+    ground = contrast > np.uint8(min(max(_LEAST_CONTRAST_GREY, _FIFTH * typical), 255.0))
     return Foreground(
-        mask=read_only(mask > 0),
-        ground=read_only(np.asarray(contrast > np.uint8(low))),
+        mask=read_only(mask),
+        ground=read_only(ground),
         contrast_grey=typical,
         floor_grey=least,
         noise_grey=noise,
@@ -94,7 +93,7 @@ def _typical_contrast_grey(contrast: Grey, floor_grey: float) -> float:
     Texture may cover more of the picture than parts do; it is the weaker of the two.
     """
     level = np.arange(256, dtype=np.float64)
-    weight = np.bincount(contrast.reshape(-1), minlength=256) * level**2 * (level > floor_grey)
+    weight = _histogram(contrast) * level**2 * (level > floor_grey)
     total = float(weight.sum())
     return float(np.searchsorted(np.cumsum(weight), 0.5 * total)) if total > 0 else 0.0
 
@@ -104,6 +103,11 @@ def _noise_grey(contrast: Grey) -> float:
 
     Parts would have to cover a quarter of the picture before they count as noise.
     """
-    share = np.cumsum(np.bincount(contrast.reshape(-1), minlength=256)) / contrast.size
+    share = np.cumsum(_histogram(contrast)) / contrast.size
     middle, upper = (float(np.searchsorted(share, q)) for q in (0.5, 0.75))
     return max((upper - middle) / 0.6745, 0.5)
+
+
+def _histogram(grey: Grey) -> Floats:
+    """(256,) how many pixels have each value."""
+    return np.asarray(cv2.calcHist([grey], [0], None, [256], [0, 256]), np.float64).reshape(-1)

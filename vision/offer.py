@@ -39,6 +39,9 @@ WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
+PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.1, 0.3, 0.9
+"""Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
+certain at first sight."""
 COLOUR_SAMPLES = 40
 COLOUR_INNER = 0.5
 """Colour is read within this share of the half width; further out light and neighbours mix in."""
@@ -90,6 +93,20 @@ def candidates(
         crossings=_crossings(measured, over, frame, place),
         rows=rows,
     )
+
+
+def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
+    """A product seen whole in both pictures, with both ends: no later choice will take it away."""
+    k = found.chosen[row]
+    if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
+        return False
+    if (found.state.tip_value[k].mean(axis=2) < PLAIN_TIP).any():
+        return False
+    for view in range(2):
+        steps = int(found.state.samples[k, view])
+        if float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()) < PLAIN_BOTH:
+            return False
+    return True
 
 
 def _is_vague(candidate: Candidate) -> bool:
@@ -170,7 +187,7 @@ def _shape_reasons(
         reasons.append(Refused(reason=Refusal.WIDTH, value=width * part.diameter_m, limit=limit, unit="m"))
     both, outside = [], []
     for view in range(2):
-        steps = int(found.state.count[k, view])
+        steps = int(found.state.samples[k, view])
         both.append(float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()))
         outside.append(float((found.state.ground[k, view, :steps] == 2).mean()))
     share = float(np.mean(both))
@@ -219,7 +236,7 @@ def colour_reasons(
     part: Floats, found: Explanation, k: int, wanted: ColourRange, colour: Colour, frame: Frame
 ) -> list[Refused]:
     """Another colour, by the median over the samples of the left picture where both flanks are seen."""
-    steps = int(found.state.count[k, 0])
+    steps = int(found.state.samples[k, 0])
     own = np.flatnonzero((found.state.value[k, 0, :steps] > 0).all(axis=1))
     if len(own) == 0:
         own = np.arange(steps)

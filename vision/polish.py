@@ -1,4 +1,5 @@
-"""The chosen parts measured once more, each on its own edges and with its shading, and how well each is known."""
+"""The chosen parts measured once more, each on its own edges and with its shading, and how well each is
+known."""
 
 from __future__ import annotations
 
@@ -37,11 +38,11 @@ BEYOND_SHARES = (0.03, 0.28)
 class Measured:
     """C parts, in the order they were chosen.
 
-    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far the
-    middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its ends alone
-    have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an unseen end on which
-    both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the profiles have them.
-    """
+    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far
+    the middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its
+    ends alone have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an
+    unseen end on which both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the
+    profiles have them."""
 
     parts: Floats
     covariance: Floats
@@ -179,7 +180,7 @@ def _read(
         for place, k in enumerate(chosen):
             near, far = found.hypotheses[k, 3], found.hypotheses[k, 6]
             own, low[place, view], high[place, view], bow[place, view], nx, ny = _own(
-                int(now.count[k, view]), now.ends[k, view], near, far, unit, now.edge[k, view],
+                int(now.samples[k, view]), now.ends[k, view], near, far, unit, now.edge[k, view],
                 now.value[k, view], taken, edges.table,
             )  # fmt: skip
             normal[place, view] = nx, ny
@@ -204,8 +205,8 @@ def _own(
     taken: Counts,
     table: Reals,
 ) -> tuple[Bools, float, float, float, float, float]:
-    """Samples whose flanks are both seen and no other's; mean place of either flank from where the outline would
-    be; how far the middle bends; the normal."""
+    """Samples whose flanks are both seen and no other's; mean place of either flank from where the outline
+    would be; how far the middle bends; the normal."""
     own = np.zeros(steps, np.bool_)
     dx, dy = ends[2] - ends[0], ends[3] - ends[1]
     size = np.hypot(dx, dy)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
-from vision.flank import Counts, nearest_edge
+from vision.flank import nearest_edge
 from vision.jit import compiled
 from vision.types import Floats, Ints, read_only
 
@@ -33,8 +33,8 @@ FLANK_SIGMA_PX = 0.8
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lines:
     """N lines: ``table`` (N, 4) a point and the unit direction, downwards or to the right; ``total``
-    (N, 2 R + 2) running sum of the evidence at whole px from -R to R; ``tips`` (N, 2 R + 1, 2) evidence of an end
-    that looks backwards, forwards; ``reach_px`` R."""
+    (N, 2 R + 2) running sum of the evidence at whole px from -R to R; ``tips`` (N, 2 R + 1, 2) evidence of
+    an end that looks backwards, forwards; ``reach_px`` R."""
 
     table: Floats
     total: Floats
@@ -75,8 +75,8 @@ def _votes(
 
     Returns
     -------
-    votes : (N, 4), order : (N,) edge of each vote, starts : (TURNS + 1,), around : (4,) least and greatest x and y
-    """
+    votes : (N, 4), order : (N,) edge of each vote, starts : (TURNS + 1,), around : (4,) least and greatest
+    x and y"""
     count = len(table)
     raw = np.empty((count, 4))
     turn = np.empty(count, np.int64)
@@ -132,7 +132,7 @@ def _board(votes: Floats, order: Ints, around: Floats) -> tuple[Reals, Floats, i
             cell = int(distance)
             share = distance - cell
             part = weight * (1 - 0.5 * abs(step) / SPREAD)
-            if 0 <= cell and cell + 1 < 2 * radius:
+            if cell >= 0 and cell + 1 < 2 * radius:
                 board[turn, cell] += part * (1 - share)
                 board[turn, cell + 1] += part * share
     return board, middle, radius

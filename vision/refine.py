@@ -27,9 +27,9 @@ ROW_SIGMA_PX = 0.05
 ONE_FLANK_WEIGHT = 0.25
 """One flank tells the middle only as well as the width is known."""
 CAP_AWAY, CAP_DOUBT, TOWARDS_DOUBT = 0.7, 0.2, 0.4
-"""Where an end is seen, in units of ``R |cos(axis, ray)|``. A sharp-edged face that looks away reaches to 0.87
-(the mean of ``sqrt(1 - t^2)`` over the five lanes), a rounded one to about half; the middle is taken and both are
-within the doubt."""
+"""Where an end is seen, in units of ``R |cos(axis, ray)|``. A sharp-edged face that looks away reaches to
+0.87 (the mean of ``sqrt(1 - t^2)`` over the five lanes), a rounded one to about half; the middle is taken
+and both are within the doubt."""
 DAMPING = 0.3
 LONGEST_STEP_PX = 3.0
 
@@ -47,7 +47,15 @@ def axis_length(p: Floats, fb: float, focal: float, cx: float, cy: float) -> flo
 
 @compiled
 def cap_px(
-    p: Floats, end: int, view: int, width: float, fb: float, focal: float, baseline: float, cx: float, cy: float
+    p: Floats,
+    end: int,
+    view: int,
+    width: float,
+    fb: float,
+    focal: float,
+    baseline: float,
+    cx: float,
+    cy: float,
 ) -> tuple[float, float]:
     """How far beyond the axis' end its outline is seen, mean over the lanes, and how doubtful that is, px.
 
@@ -105,7 +113,8 @@ def refine(
     unit
         Expected width over disparity: diameter over baseline.
     tilt_share, step_d
-        Deviation of the height difference of the ends, as a share of the length; disparity per metre of height, px.
+        Deviation of the height difference of the ends, as a share of the length; disparity per metre of
+        height, px.
 
     shift : (N, 2, 2)
         Where the low and the high flank are seen from their outlines in either view, along the normal, px.
@@ -157,9 +166,7 @@ def refine(
                     high, off_high = nearest_edge(
                         table, at, taken, x + nx * half, y + ny * half, -nx, -ny, reach
                     )
-                    low, off_low = nearest_edge(
-                        table, at, taken, x - nx * half, y - ny * half, nx, ny, reach
-                    )
+                    low, off_low = nearest_edge(table, at, taken, x - nx * half, y - ny * half, nx, ny, reach)
                     if high < 0 and low < 0:
                         continue
                     off_low -= shift[h, view, 0]
@@ -184,7 +191,7 @@ def refine(
                     whole_a += weight * one
                     whole_b += weight * share
                     missed += weight * miss
-                # what light and calibration shift a whole view by is an unknown of its own, eliminated (Schur)
+                # what light and calibration shift a whole view by is an unknown too, eliminated (Schur)
                 scale = spacing / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
                 loose = bias_sigma[h, view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2
                 common = scale / (scale * whole + 1 / loose)

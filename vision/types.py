@@ -212,7 +212,8 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColourRange:
-    """Which colours count: hue in degrees, [low, high], over 0 where low > high; the others 0..1."""
+    """Which colours count: hue in degrees, [low, high], over 0 where low > high; saturation and value
+    0..1."""
 
     hue_deg: tuple[float, float] = (0.0, 360.0)
     saturation: tuple[float, float] = (0.0, 1.0)

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.canvas import Canvas
+from vision.edges import Reals
 from vision.jit import compiled
-from vision.proposals import Lines, Reals
+from vision.proposals import Lines
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, axis_length
-from vision.types import Floats
+from vision.types import Floats, Ints
 
 FLAT = 0.17
 """Sine of the angle to the baseline below which disparity along a line means little."""
@@ -28,7 +29,8 @@ TIP_WIDTHS = 1.3
 BEYOND_WIDTHS = 2.5
 BEYOND_WEIGHT = 0.5
 TILT_LENGTHS = 0.1
-"""What an end is worth, how far beyond it evidence must not continue, what that costs, what a steep part costs."""
+"""What an end is worth, how far beyond it evidence must not continue, what that costs, what a steep part
+costs."""
 ROW_PX = 1.6
 SEEN_TIP = 0.4
 SHORTEST_LENGTHS, LONGEST, OWN_SHARE = 0.25, 2.5, 0.05
@@ -43,7 +45,14 @@ NOTHING = -1e9
 
 
 def windows(
-    left: Lines, right: Lines, on: Canvas, planes: Floats, length_m: float, width_px: float, length_px: float, unit: float
+    left: Lines,
+    right: Lines,
+    on: Canvas,
+    planes: Floats,
+    length_m: float,
+    width_px: float,
+    length_px: float,
+    unit: float,
 ) -> Floats:
     """Hypotheses (N, `COLUMNS`). Best first, doubles removed.
 
@@ -60,7 +69,7 @@ def windows(
 
 
 def strays(
-    left: Lines, right: Lines, on: Canvas, planes: Floats, length_m: float, width_px: float, length_px: float, unit: float
+    left: Lines, right: Lines, on: Canvas, planes: Floats, length_m: float, length_px: float, unit: float
 ) -> Floats:
     """Hypotheses of parts of any other length, from one end that is seen to another.
 
@@ -68,7 +77,7 @@ def strays(
     """
     found, count = _between_ends(
         left.table, right.table, left.total, right.total, left.tips, right.tips, left.reach_px,
-        on.focal_px, on.baseline_m, on.centre_px[0], on.centre_px[1], planes, length_m, width_px, length_px,
+        on.focal_px, on.baseline_m, on.centre_px[0], on.centre_px[1], planes, length_m, length_px,
     )  # fmt: skip
     return _sorted(found[:count], unit, 0.0, -1.0)
 
@@ -82,7 +91,7 @@ def _sorted(found: Floats, unit: float, length_m: float, kind: float) -> Floats:
 
 
 @compiled
-def distinct(found: Floats, near_px: float) -> Floats:
+def distinct(found: Floats, near_px: float) -> Ints:
     """Rows of sorted hypotheses that are not, within ``near_px`` in every number, one before them."""
     kept = np.empty(len(found), np.int64)
     count = 0
@@ -106,8 +115,9 @@ def distinct(found: Floats, near_px: float) -> Floats:
 
 
 @compiled
-def outstanding(found: Floats, width_px: float, length_px: float) -> Floats:
-    """Rows of sorted hypotheses that no much better one of the same kind shows the place of, in both pictures."""
+def outstanding(found: Floats, width_px: float, length_px: float) -> Ints:
+    """Rows of sorted hypotheses that no much better one of the same kind shows the place of, in both
+    pictures."""
     kept = np.empty(len(found), np.int64)
     count = 0
     for row in range(len(found)):
@@ -154,7 +164,7 @@ def window_value(
     value = total[line, j] - total[line, i] + tip * (tips[line, i, 0] + tips[line, j, 1])
     before = total[line, i - 2] - total[line, i - beyond]
     after = total[line, j + beyond] - total[line, j + 2]
-    return value - BEYOND_WEIGHT * (max(0.0, before) + max(0.0, after))
+    return float(value - BEYOND_WEIGHT * (max(0.0, before) + max(0.0, after)))
 
 
 @compiled
@@ -275,7 +285,7 @@ def _slide(
 def _within(planes: Floats, x: float, y: float, d: float) -> bool:
     low = planes[0, 0] * x + planes[0, 1] * y + planes[0, 2]
     high = planes[1, 0] * x + planes[1, 1] * y + planes[1, 2]
-    return low <= d <= high
+    return bool(low <= d <= high)
 
 
 @compiled
@@ -357,8 +367,7 @@ def _flat_pair(
 @compiled
 def _between_ends(
     left: Floats, right: Floats, total_l: Floats, total_r: Floats, tips_l: Reals, tips_r: Reals, reach: int,
-    focal: float, baseline: float, cx: float, cy: float, planes: Floats, length: float, width: float,
-    length_px: float,
+    focal: float, baseline: float, cx: float, cy: float, planes: Floats, length: float, length_px: float,
 ) -> tuple[Floats, int]:  # fmt: skip
     """Every two ends seen in both pictures with part between them and a length that is not the known one."""
     found = np.empty((MOST // 10, 7))
@@ -464,9 +473,7 @@ def _longest_run(
         if at < 0 or at + 1 > 2 * reach or not _within(planes, ax + t * ux, ay + t * uy, d):
             total, begun = 0.0, t + 1
             continue
-        value = min(
-            total_l[i, t + reach + 1] - total_l[i, t + reach], total_r[j, at + 1] - total_r[j, at]
-        )
+        value = min(total_l[i, t + reach + 1] - total_l[i, t + reach], total_r[j, at + 1] - total_r[j, at])
         total += value - RUN_LEVEL
         if total <= 0.0:
             total, begun = 0.0, t + 1

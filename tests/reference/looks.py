@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tests.reference.sticks import TABLE, Stick, pair, rig
 from vision import choice
 from vision.canvas import in_space, on_canvas
-from vision.default import frame_of
+from vision.default import LINE_SLACK_PX, frame_of
 from vision.edges import Edges, edges
 from vision.explain import Explanation, Frame, explain
 from vision.foreground import stands_out
@@ -90,12 +90,13 @@ def pool_of(pictures: Seen, of: Frame) -> Floats:
     """Hypotheses as `vision.default` proposes them, but for what the skeleton graph adds."""
     none = np.zeros((0, 4))
     left, right = (lines(side, none, of.width_px, of.length_px) for side in (pictures.left, pictures.right))
-    planes = np.stack([of.low, of.high])
+    slack = np.array([0.0, 0.0, LINE_SLACK_PX])
+    planes = np.stack([of.low - slack, of.high + slack])
     length_m = of.part.length_m
     return np.concatenate(
         [
-            make(left, right, of.on, planes, length_m, of.width_px, of.length_px, of.unit)
-            for make in (windows, strays)
+            windows(left, right, of.on, planes, length_m, of.width_px, of.length_px, of.unit),
+            strays(left, right, of.on, planes, length_m, of.length_px, of.unit),
         ]
     )
 

@@ -79,7 +79,7 @@ def test_evidence_that_another_claims_does_not_count_though_both_could_be() -> N
 
     # twelve millimetres nearer on the same rays of the left camera: its left flanks are another's
     assert now.hard[1] == 0
-    low_l = now.edge[1, 0, : now.count[1, 0]]
+    low_l = now.edge[1, 0, : now.samples[1, 0]]
     assert (now.taken_l[low_l[low_l >= 0]] > 0).mean() > 0.9
     assert gain_of(1, now) < 0
 

@@ -151,7 +151,7 @@ def test_a_thread_whose_flanks_are_never_seen_together_is_refused() -> None:
 
 def test_a_part_that_leaves_the_picture_is_refused() -> None:
     ground = ONE.state.ground.copy()
-    steps = int(ONE.state.count[ONE.chosen[0], 0])
+    steps = int(ONE.state.samples[ONE.chosen[0], 0])
     ground[ONE.chosen[0], 0, : steps // 10] = 2
 
     refused = only(offer(found=replace(ONE, state=ONE.state._replace(ground=ground))))

@@ -18,12 +18,11 @@ NONE = np.zeros((0, 4))
 
 
 def proposed(of: Seen, others: bool = False) -> Floats:
-    both = [lines(edges, NONE, FRAME.width_px, FRAME.length_px) for edges in (of.left, of.right)]
-    make = strays if others else windows
-    return make(
-        both[0], both[1], FRAME.on, np.stack([FRAME.low, FRAME.high]), ROD.length_m, FRAME.width_px,
-        FRAME.length_px, FRAME.unit,
-    )  # fmt: skip
+    left, right = (lines(of_one, NONE, FRAME.width_px, FRAME.length_px) for of_one in (of.left, of.right))
+    planes = np.stack([FRAME.low, FRAME.high])
+    if others:
+        return strays(left, right, FRAME.on, planes, ROD.length_m, FRAME.length_px, FRAME.unit)
+    return windows(left, right, FRAME.on, planes, ROD.length_m, FRAME.width_px, FRAME.length_px, FRAME.unit)
 
 
 def off_px(rows: Floats, stick: Stick) -> Floats:
