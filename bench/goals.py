@@ -73,11 +73,15 @@ GOALS: tuple[Goal, ...] = (
     Goal(families=("D", "E", "G"), what="recall", figure=lambda s: s.recall, limit=1.0),
     Goal(families=("N",), what="false picks", figure=lambda s: s.false_picks, limit=0.0, share=False),
     *(
-        Goal(families=(name,), what="middle inside 2 sigma", figure=lambda s: s.inside_m, limit=EXPECTED_INSIDE)
+        Goal(
+            families=(name,), what="middle inside 2 sigma", figure=lambda s: s.inside_m, limit=EXPECTED_INSIDE
+        )
         for name in ("A", "B", "C", "H10", "H20", "H40", "L", "T")
     ),
     *(
-        Goal(families=(name,), what="axis inside 2 sigma", figure=lambda s: s.inside_rad, limit=EXPECTED_INSIDE)
+        Goal(
+            families=(name,), what="axis inside 2 sigma", figure=lambda s: s.inside_rad, limit=EXPECTED_INSIDE
+        )
         for name in ("A", "B", "C", "H10", "H20", "H40", "L", "T")
     ),
 )

@@ -22,7 +22,7 @@ Ids = npt.NDArray[np.int32]
 
 SMOOTHING_PX = 0.7
 LEAST_SHARE, FULL_SHARE = 0.03, 0.16
-"""Grey per px, as shares of the contrast of parts: the faintest edge that counts, and where it counts fully."""
+"""Grey per px, as shares of the contrast of parts: the faintest edge that counts, one that counts fully."""
 LEAST_SLOPE_GREY = 1.2
 """Per px; below this sensor noise makes edges everywhere."""
 NEAR_MASK_PX = 3
@@ -61,7 +61,8 @@ def edges(
     row_shift_px
         Added to the rows of this picture: what the calibration is off by.
     """
-    table = np.zeros((0, 5), np.float32)
+    # closed for writing like any other table: to compiled functions a writable one is another type
+    table = read_only(np.zeros((0, 5), np.float32))
     at = np.full((on.height_px, on.width_px), -1, np.int32)
     drawn = np.zeros((on.height_px, on.width_px), np.uint8)
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

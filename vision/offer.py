@@ -26,7 +26,7 @@ from vision.types import (
     read_only,
 )
 
-GOES_ON = 0.45
+GOES_ON = 0.3
 """A part whose flanks go on beyond an unseen end on this share of the way is longer than it should be."""
 LEAST_BOTH = 0.1
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""

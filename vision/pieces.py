@@ -10,12 +10,12 @@ from vision.types import Floats, Graph
 CORNER_WIDTHS = 0.3
 TRIM_WIDTHS = 0.6
 LEAST_WIDTHS = 1.5
-"""A path is cut where it leaves its chord by this; this much is cut off at either end, where skeletons bend into
-junctions and corners; shorter pieces are left out. In part widths."""
+"""In part widths: a path is cut where it leaves its chord by this; this much is cut off at either end, where
+skeletons bend into junctions and corners; shorter pieces are left out."""
 
 
 def straight_pieces(graph: Graph, width_px: float) -> Floats:
-    """(K, 2, 2) px ends of the straight runs of all edges, cut at their corners (Douglas and Peucker 1973)."""
+    """(K, 2, 2) px ends of the straight runs of all edges, cut at corners (Douglas and Peucker 1973)."""
     pieces = []
     trim, least = TRIM_WIDTHS * width_px, LEAST_WIDTHS * width_px
     for path in graph.paths:

@@ -4,17 +4,19 @@ Parts that lie side by side are one wide thing to the mask, and its skeleton run
 nowhere. The grey picture still shows a dip there: an edge that falls to the seam faces the outer edge that
 rises. So every edge looks for its counterpart one width ahead, in the direction from dark to bright; the
 middles of such couples lie on centre lines of parts, whatever the outline of the heap is, and neighbouring
-middles of one direction are gathered to straight pieces. They are proposals: `lines` and `strands` measure
-them like pieces of skeleton.
+middles of one direction are gathered to straight pieces. They are proposals: `shape_search` lays the bars of
+flat parts on them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from vision.jit import compiled
-from vision.lines import Picture, Pieces, sample
+from vision.sampling import Picture, sample
 from vision.types import Floats, Ints, Mask, read_only
 
 _SMOOTH_PX = 0.7
@@ -32,7 +34,15 @@ _DENSITY = 0.6
 """Least number of middles per px; a ribbon in the open has about two."""
 
 
-def ribbons(grey: Picture, mask: Mask, width_px: float, slope_floor: float, least_px: float) -> Pieces:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ribbons:
+    """``start``, ``end`` (K, 2) of straight stretches."""
+
+    start: Floats
+    end: Floats
+
+
+def ribbons(grey: Picture, mask: Mask, width_px: float, slope_floor: float, least_px: float) -> Ribbons:
     """Straight stretches along which two opposite edges are about one part's width apart.
 
     Parameters
@@ -50,8 +60,8 @@ def ribbons(grey: Picture, mask: Mask, width_px: float, slope_floor: float, leas
 
     Returns
     -------
-    Pieces
-        Raw pixels; ``edge`` is -1, as they belong to no edge of a graph.
+    Ribbons
+        Raw pixels.
     """
     smooth = cv2.GaussianBlur(grey, (0, 0), _SMOOTH_PX)
     # Scharr's kernel sums to 32 for a slope of one per px
@@ -68,11 +78,7 @@ def ribbons(grey: Picture, mask: Mask, width_px: float, slope_floor: float, leas
     )
     order = np.argsort(-middles[:, 4], kind="stable")
     found = _gather(middles, order, mask.shape[0], mask.shape[1], float(least_px))
-    return Pieces(
-        start=read_only(found[:, :2].copy()),
-        end=read_only(found[:, 2:].copy()),
-        edge=read_only(np.full(len(found), -1, np.int64)),
-    )
+    return Ribbons(start=read_only(found[:, :2].copy()), end=read_only(found[:, 2:].copy()))
 
 
 @compiled

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision.edges import Edges
+from vision.edges import Edges, Ids, Reals
 from vision.explain import Explanation, Frame
-from vision.flank import nearest_edge, tip_offset
+from vision.flank import Counts, nearest_edge, tip_offset
 from vision.jit import compiled
 from vision.refine import UNIT, cap_px
 from vision.types import Floats
@@ -60,7 +60,9 @@ def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> R
 
 
 @compiled
-def _end_rows(parts, view, table, at, free, camera, rows):  # type: ignore[no-untyped-def]
+def _end_rows(
+    parts: Floats, view: int, table: Reals, at: Ids, free: Counts, camera: Floats, rows: Floats
+) -> None:
     """Row of every end in one view, from where its face and the line of its flanks are seen there."""
     focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
     for h in range(len(parts)):
@@ -102,6 +104,3 @@ def _end_rows(parts, view, table, at, free, camera, rows):  # type: ignore[no-un
                 continue
             cap, _ = cap_px(p, end, view, width, focal * baseline, focal, baseline, cx, cy)
             rows[h, end] = y + aside * ny + (off - cap) * oy
-
-
-_ = Floats

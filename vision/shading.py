@@ -5,9 +5,9 @@ grey falls before the outline is reached, the more the further round a camera se
 disagree in the same sense whatever the light: parts look too near. Here the mean light across each part
 is explained by what it is, a round rod under any distant light: Lambert's law gives
 ``a + b x/r + c sqrt(1 - (x/r)^2)`` between the outlines at -r and r, blurred by the lens, whatever the light.
-The radius is known, the place is fitted; the camera's gamma and its blur are those that explain the profiles of
-the look best. What this says of flanks that look one way is common to a look, so it is pooled over all parts by
-the way their flanks look.
+The radius is known, the place is fitted; the camera's gamma and its blur are those that explain the profiles
+of the look best. What this says of flanks that look one way is common to a look, so it is pooled over all
+parts by the way their flanks look.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PLACES = np.arange(-10, 11) * 0.03
 """Places tried, in radii."""
 QUADRATURE = 64
 WORST_SHARE = 0.03
-"""A profile that a round rod misses by more of its contrast shows something else: a highlight, a neighbour."""
+"""A profile that a rod misses by more of its contrast shows something else: a highlight, a neighbour."""
 LARGEST_RADII = 0.25
 OWN_STATIONS = 20.0
 """Stations at which a part's own reading counts as much as that of all parts together."""
@@ -68,9 +68,10 @@ def mean_profile(
     own: Bools,
     profile: Floats,
 ) -> int:
-    """Mean light across a part at its own stations; sample k is ``(k - HALF) / HALF * REACH * r`` off the axis.
+    """Mean light across a part at its own stations.
 
-    ``light`` (256,) tells what a grey value means. Returns the number of stations inside the picture.
+    Sample k is ``(k - HALF_SAMPLES) / HALF_SAMPLES * REACH * r`` off the axis. ``light`` (256,) tells what a
+    grey value means. Returns the number of stations inside the picture.
     """
     profile[:] = 0.0
     count = 0
@@ -117,11 +118,11 @@ def light_of_grey(gamma: float) -> Floats:
 
 
 def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
-    """Place of a round rod in each profile (N, `SAMPLES`), in radii, and what is left as a share of its contrast.
+    """Place of a round rod in each profile (N, `SAMPLES`), in radii; what is left as a share of contrast.
 
     For a given place the five unknown levels (both backgrounds, a, b, c) are linear: what no choice of them
-    explains is a projection, one matrix for each place. The place is the vertex of the parabola through the best
-    three.
+    explains is a projection, one matrix for each place. The place is the vertex of the parabola through the
+    best three.
     """
     left = (profiles @ _unexplained(blur)).reshape(len(profiles), len(PLACES), SAMPLES)
     square = np.einsum("npl,npl->np", left, left)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vision.jit import compiled
-from vision.lines import Picture
+from vision.sampling import Picture
 from vision.shape_model import ShapeModel
 from vision.shape_pose import Slopes, in_space, look_along, project_one
 from vision.types import Bools, Floats, Ints, Mask

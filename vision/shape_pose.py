@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from vision.jit import compiled
-from vision.lines import Picture, sample
+from vision.sampling import Picture, sample
 from vision.types import CameraModel, Floats, Grey, StereoModel, Transform, read_only
 
 SMOOTH_PX, SMOOTH_WIDTHS = 0.7, 0.15

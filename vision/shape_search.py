@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from vision.jit import compiled
-from vision.lines import Picture, Pieces
+from vision.ribbons import Ribbons
+from vision.sampling import Picture
 from vision.shape_model import ShapeModel
 from vision.shape_pose import ALIGNED_COSINE, Slopes, in_space, on_picture, project_one
 from vision.types import Floats, Mask
@@ -26,7 +27,7 @@ _MOST = 20000
 
 def search(
     shape: ShapeModel,
-    pieces: Pieces,
+    pieces: Ribbons,
     seen: Slopes,
     mask: Mask,
     normal: Floats,

@@ -12,9 +12,8 @@ import numpy as np
 
 from vision import graph, thin
 from vision.foreground import Foreground, stands_out
-from vision.lines import Pieces
 from vision.published import Observer, require_pictures
-from vision.ribbons import ribbons
+from vision.ribbons import Ribbons, ribbons
 from vision.shape_choice import choose
 from vision.shape_fit import fit
 from vision.shape_model import shape_model, width_of
@@ -198,7 +197,7 @@ def _foreground(grey: Grey, width_px: float) -> Foreground:
     )
 
 
-def _ribbons(grey: Grey, mask: Mask, width_px: float, floor: float) -> Pieces:
+def _ribbons(grey: Grey, mask: Mask, width_px: float, floor: float) -> Ribbons:
     """Ribbons of a picture in its own pixels, found on a smaller one where parts are wide: there the middle
     between two edges depends less on how each pixel of them points."""
     shrink = max(1, int(width_px / RIBBON_WIDTH_PX))
@@ -211,10 +210,9 @@ def _ribbons(grey: Grey, mask: Mask, width_px: float, floor: float) -> Pieces:
         np.ascontiguousarray(grey, np.float32), mask, width_px, floor, LEAST_RIBBON_WIDTHS * width_px
     )
     back = 0.5 * (shrink - 1)
-    return Pieces(
+    return Ribbons(
         start=read_only(found.start * shrink + back),
         end=read_only(found.end * shrink + back),
-        edge=found.edge,
     )
 
 
@@ -227,16 +225,15 @@ def _grown(mask: Mask) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
-def _rays(pieces: Pieces, camera: CameraModel) -> Pieces:
+def _rays(pieces: Ribbons, camera: CameraModel) -> Ribbons:
     """Pieces at focal length one, without distortion."""
-    if len(pieces.edge) == 0:
+    if len(pieces.start) == 0:
         return pieces
     ends = np.concatenate([pieces.start, pieces.end]).reshape(-1, 1, 2)
     ideal = cv2.undistortPoints(ends, camera.matrix, camera.distortion).reshape(2, -1, 2)
-    return Pieces(
+    return Ribbons(
         start=read_only(np.array(ideal[0], np.float64)),
         end=read_only(np.array(ideal[1], np.float64)),
-        edge=pieces.edge,
     )
 
 

@@ -28,9 +28,9 @@ BEYOND = 10
 class Traits:
     """Of N hypotheses in 2 views with S samples each.
 
-    ``count`` (N, 2) samples used; ``ends`` (N, 2, 4) xa, ya, xb, yb in that view; ``width`` (N, 2) px at either end
-    ; ``value`` (N, 2, S, 2) strength of the flank on the low and the high side, ``edge`` its edge or
-    -1; ``ground`` (N, 2, S) uint8 0 background, 1 part, 2 outside the picture; ``tip_value``,
+    ``count`` (N, 2) samples used; ``ends`` (N, 2, 4) xa, ya, xb, yb in that view; ``width`` (N, 2) px at
+    either end; ``value`` (N, 2, S, 2) strength of the flank on the low and the high side, ``edge`` its edge
+    or -1; ``ground`` (N, 2, S) uint8 0 background, 1 part, 2 outside the picture; ``tip_value``,
     ``tip_edge`` (N, 2, 2, 5); ``beyond_value``, ``beyond_edge`` (N, 2, 2, 10, 2).
     """
 
@@ -121,9 +121,9 @@ def _read(
                     # a flank that is not seen may be hidden, but what lies before it is not background
                     column = int(x + sign * nx * INNER * half + 0.5)
                     row = int(y + sign * ny * INNER * half + 0.5)
-                    if 0 <= column < ground.shape[1] and 0 <= row < ground.shape[0]:
-                        if ground[row, column] == 0:
-                            inside[h, view, q] = 0
+                    there = 0 <= column < ground.shape[1] and 0 <= row < ground.shape[0]
+                    if there and ground[row, column] == 0:
+                        inside[h, view, q] = 0
         for q in range(1, steps - 1):
             for side in range(2):
                 if (

@@ -1,8 +1,9 @@
 """Pictures of straight sticks on a table, drawn with projection code of their own.
 
-A stick is a bright band between the two silhouette lines of its cylinder, darker towards its flanks. A
-pixel's share of it follows from its distances to the four sides of the band, so edges lie where they
-should to hundredths of a pixel. Sticks are painted from the lowest to the highest.
+A stick is a bright band between the two silhouette lines of its cylinder, darker towards its flanks, or lit
+by Lambert's law from one side. A pixel's share of it follows from its distances to the four sides of the
+band, so edges lie where they should to hundredths of a pixel. Sticks are painted from the lowest to the
+highest.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ Floats = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 DEPTH_M = 0.4
+AMBIENT = 0.25
 TABLE = Plane(normal=np.array([0.0, 0.0, -1.0]), offset_m=DEPTH_M)
 
 
@@ -73,25 +75,50 @@ def rig() -> StereoModel:
 
 
 def pair(
-    sticks: list[Stick], *, seed: int = 0, table_grey: float = 40.0, light: float = 160.0
+    sticks: list[Stick],
+    *,
+    seed: int = 0,
+    table_grey: float = 40.0,
+    light: float = 160.0,
+    light_from: Floats | None = None,
+    gamma: float = 1.0,
+    noise_grey: float = 2.0,
+    row_offset_px: float = 0.0,
 ) -> tuple[Grey, Grey]:
-    """Both pictures (480, 640) with blur and noise."""
+    """Both pictures (480, 640) with blur and noise.
+
+    Parameters
+    ----------
+    light_from : (3,)
+        Direction to a distant light, left camera frame: sticks are Lambert's cylinders with a little light
+        from everywhere. None: the same from both sides.
+    gamma
+        Grey values are light to the power of one over it; ``table_grey`` and ``light`` stay light.
+    row_offset_px
+        Added to the rows of the right picture, as by a camera that has been knocked.
+    """
     model = rig()
     still = Transform(rotation=np.eye(3), translation=np.zeros(3))
     random = np.random.default_rng(seed)
     views = []
-    for camera, motion in ((model.left, still), (model.right, model.right_from_left)):
+    for camera, motion, offset in (
+        (model.left, still, 0.0),
+        (model.right, model.right_from_left, row_offset_px),
+    ):
         picture = np.full((camera.height_px, camera.width_px), table_grey)
         for stick in sorted(sticks, key=lambda s: -float(s.start[2] + s.end[2])):
-            share, shade = _band(stick, camera, motion)
+            share, shade = _band(stick, camera, motion, light_from, offset)
             picture = (1.0 - share) * picture + share * (table_grey + light * shade)
         soft = cv2.GaussianBlur(picture, (0, 0), 0.7)
-        noisy = np.asarray(soft, np.float64) + random.normal(0.0, 2.0, soft.shape)
+        encoded = 255.0 * np.clip(np.asarray(soft, np.float64) / 255.0, 0.0, 1.0) ** (1.0 / gamma)
+        noisy = encoded + random.normal(0.0, noise_grey, soft.shape)
         views.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     return views[0], views[1]
 
 
-def _band(stick: Stick, camera: CameraModel, motion: Transform) -> tuple[Floats, Floats]:
+def _band(
+    stick: Stick, camera: CameraModel, motion: Transform, light_from: Floats | None, row_offset_px: float
+) -> tuple[Floats, Floats]:
     """(H, W) how much of each pixel the stick covers, and how bright it is there, 0..1."""
     start = motion.rotation @ stick.start + motion.translation
     end = motion.rotation @ stick.end + motion.translation
@@ -106,6 +133,7 @@ def _band(stick: Stick, camera: CameraModel, motion: Transform) -> tuple[Floats,
         sides.append((_pixel(point - aside, camera), _pixel(point + aside, camera)))
     (a, b), (d, c) = sides
     v, u = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(np.float64)
+    v -= row_offset_px
     inside = []
     middle = 0.25 * (a + b + c + d)
     for first, second in ((a, d), (b, c), (a, b), (d, c)):
@@ -117,7 +145,18 @@ def _band(stick: Stick, camera: CameraModel, motion: Transform) -> tuple[Floats,
     inside[2] += caps_px[0] * bulge
     inside[3] += caps_px[1] * bulge
     share = np.prod([np.clip(0.5 + distance, 0.0, 1.0) for distance in inside], axis=0)
-    return share, 1.0 - 0.5 * np.minimum(across, 1.0) ** 2
+    if light_from is None:
+        return share, 1.0 - 0.5 * np.minimum(across, 1.0) ** 2
+    # from the side of a to the side of b the normal turns from one outline over the camera to the other
+    signed = np.clip((inside[0] - inside[1]) / np.maximum(np.abs(inside[0] + inside[1]), 1e-9), -1.0, 1.0)
+    ray = 0.5 * (start + end)
+    sideways = np.cross(axis, ray)
+    sideways /= np.linalg.norm(sideways)
+    facing = np.cross(axis, sideways)
+    facing *= -np.sign(facing @ ray)
+    sun = motion.rotation @ light_from
+    lit = signed * float(sideways @ sun) + np.sqrt(1.0 - signed**2) * float(facing @ sun)
+    return share, AMBIENT + (1.0 - AMBIENT) * np.maximum(lit, 0.0)
 
 
 def _pixel(point: Floats, camera: CameraModel) -> Floats:

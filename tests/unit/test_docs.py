@@ -27,3 +27,13 @@ def test_links_between_pages_lead_somewhere(page: Path) -> None:
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
     missing = [link for link in links if not (page.parent / link).exists()]
     assert missing == []
+
+
+@pytest.mark.parametrize("package", ["vision", "bench"])
+def test_the_design_names_every_file(package: str) -> None:
+    design = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    shelf = design[design.index(f"### {package}/") :].split("\n### ")[0]
+    built = "\n".join(line for line in shelf.splitlines() if "*(planned)*" not in line)
+    names = set(re.findall(r"`([a-z_]+\.py)`", built))
+    files = {path.name for path in (ROOT / package).glob("*.py")} - {"__init__.py"}
+    assert names == files, f"not named: {sorted(files - names)}; not there: {sorted(names - files)}"

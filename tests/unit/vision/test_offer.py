@@ -1,218 +1,295 @@
-"""Gates, order and score of placed parts, on records made by hand."""
+"""Gates, order and score of measured parts: drawn sticks, changed by hand where a gate should close."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tests.reference.sticks import TABLE, Stick, lying, pair, rig
-from vision.look import Look
-from vision.match import Placed
-from vision.offer import VAGUE_DEPTH, candidates
-from vision.reconstruct_lines import Solved, from_space
-from vision.stereo import Side, project, rectification, rectify_points
-from vision.strands import Strands, Tip
-from vision.types import Candidate, PartModel, Refusal, Tuning
+from tests.reference.looks import ROD, drawn, explained, frame
+from tests.reference.sticks import TABLE, lying
+from vision.crossings import crossed
+from vision.explain import Explanation
+from vision.offer import (
+    BOW_WIDTHS,
+    GOES_ON,
+    LEAST_BOTH,
+    MOST_ROW_OFFSET_PX,
+    OUTSIDE_SHARE,
+    VAGUE_DIAMETERS,
+    WIDTH_SHARE,
+    Offered,
+    candidates,
+    hue_saturation_value,
+    unexplained,
+)
+from vision.polish import Measured, polish
+from vision.refine import KIND, UNIT
+from vision.types import Candidate, ColourRange, PartModel, Refusal, Refused, Tuning
 
-ROD = PartModel(code=3, name="rod", length_m=0.1, length_tolerance_m=0.004, diameter_m=0.004)
-RECT = rectification(rig())
+FRAME = frame()
 UPPER = lying(0.0, 0.0, 20, height_m=0.006)
 LOWER = lying(0.0, 0.0, 100, height_m=0.002)
 ASIDE = lying(0.06, 0.03, 60)
-
-
-def moved(stick: Stick, x_m: float, y_m: float) -> Stick:
-    by = np.array([x_m, y_m, 0.0])
-    return Stick(start=stick.start + by, end=stick.end + by)
-
-
-def looks(sticks: list[Stick]) -> tuple[Look, Look]:
-    left, right = pair(sticks)
-    made = [
-        Look(
-            grey=grey.astype(np.float32),
-            mask=grey > 100,
-            rect=RECT,
-            side="left" if number == 0 else "right",
-            width_px=5.7,
-            contrast_grey=140.0,
-        )
-        for number, grey in enumerate((left, right))
-    ]
-    return made[0], made[1]
-
-
-def strands(sticks: list[Stick], side: int, width_px: float = 5.7, kind: Tip = Tip.FREE) -> Strands:
-    name: Side = "left" if side == 0 else "right"
-    raw = [project(np.stack([s.start, s.end]), rig())[side] for s in sticks]
-    tips = np.array([rectify_points(px, RECT, name) for px in raw]).reshape(-1, 2, 2)
-    way = tips[:, 1] - tips[:, 0]
-    count = len(sticks)
-    return Strands(
-        tips=tips,
-        kind=np.full((count, 2), kind, np.int64),
-        tip_sigma_px=np.full((count, 2), 0.4),
-        reach_px=np.zeros((count, 2)),
-        sure=np.ones((count, 2), np.bool_),
-        cautious_tips=tips,
-        cautious_reach_px=np.zeros((count, 2)),
-        direction=way / np.linalg.norm(way, axis=1, keepdims=True),
-        line_sigma_px=np.full((count, 2), 0.1),
-        width_px=np.full(count, width_px),
-        seen=np.ones(count),
-    )
-
-
-def placed(
-    sticks: list[Stick],
-    *,
-    completed: bool = False,
-    slack_m: float = 0.0,
-    cover: float = 1.0,
-    depth_sigma_m: float = 0.0005,
-) -> Placed:
-    count = len(sticks)
-    ends = np.array([np.stack([s.start, s.end]) for s in sticks]).reshape(-1, 2, 3)
-    rows = np.arange(count)
-    return Placed(
-        solved=Solved(
-            left=rows,
-            right=rows,
-            flipped=np.zeros(count, np.int64),
-            ends_px=from_space(ends, RECT),
-            ends_m=ends,
-            end_sigma_px=np.full((count, 2), 0.4),
-            depth_sigma_m=np.full(count, depth_sigma_m),
-            chi2=np.ones(count),
-            residual_px=np.full(count, 0.1),
-        ),
-        ends_m=ends,
-        completed=np.tile([completed, False], (count, 1)),
-        slack_m=np.full(count, slack_m),
-        cover=np.full(count, cover),
-        cost=np.arange(count, dtype=np.float64),
-    )
+STICKS = [LOWER, UPPER, ASIDE]
+PICTURES = drawn(STICKS, FRAME)
+FOUND = explained(PICTURES, FRAME)
+MEASURED = polish(FOUND, PICTURES.left, PICTURES.right, PICTURES.greys, 0.0, FRAME)
+ALONE = drawn([ASIDE], FRAME)
+ONE = explained(ALONE, FRAME)
+ONE_MEASURED = polish(ONE, ALONE.left, ALONE.right, ALONE.greys, 0.0, FRAME)
 
 
 def offer(
-    sticks: list[Stick], parts: Placed | None = None, tuning: Tuning | None = None
-) -> tuple[Candidate, ...]:
-    return candidates(
-        parts or placed(sticks),
-        strands(sticks, 0),
-        strands(sticks, 1),
-        looks(sticks),
-        ROD,
-        tuning or Tuning(),
-        TABLE,
-    )
+    measured: Measured = ONE_MEASURED,
+    found: Explanation = ONE,
+    tuning: Tuning | None = None,
+    colour: npt.NDArray[np.uint8] | None = None,
+    row_offset_px: float = 0.0,
+    part: PartModel = ROD,
+) -> Offered:
+    of = replace(FRAME, part=part)
+    over = crossed(measured.parts, measured.covariance, found.chosen, found.state, of)
+    return candidates(measured, found, over, of, tuning or Tuning(), TABLE, colour, row_offset_px)
+
+
+def only(offered: Offered) -> Refused:
+    """The one refusal of the one candidate."""
+    (candidate,) = offered.candidates
+    (refused,) = candidate.refusals
+    return refused
 
 
 def reasons(candidate: Candidate) -> list[Refusal]:
     return [refused.reason for refused in candidate.refusals]
 
 
-def test_the_lower_of_two_is_refused_and_comes_last() -> None:
-    found = offer([LOWER, UPPER])
+def test_a_stick_in_the_open_is_offered_with_its_place_and_its_doubt() -> None:
+    (candidate,) = offer().candidates
 
-    assert [reasons(c) for c in found] == [[], [Refusal.CROSSED]]
-    assert found[0].centre[2] < found[1].centre[2]
-
-
-def test_what_lies_free_comes_before_what_something_lies_on() -> None:
-    crossed_at_its_end = moved(LOWER, 0.0, 0.04)
-
-    found = offer([crossed_at_its_end, UPPER, ASIDE])
-
-    assert all(c.offered for c in found)
-    assert found[-1].centre == pytest.approx(0.5 * (crossed_at_its_end.start + crossed_at_its_end.end))
+    assert candidate.offered
+    assert np.linalg.norm(candidate.centre - 0.5 * (ASIDE.start + ASIDE.end)) < 0.0006
+    assert candidate.length_m == pytest.approx(0.1, abs=0.0005)
+    assert candidate.axis == pytest.approx((candidate.end - candidate.start) / candidate.length_m)
+    assert 0.0001 < candidate.sigma_m < 0.002
+    assert 0.001 < candidate.sigma_rad < 0.03
+    assert candidate.score > 0.9
 
 
-def test_a_lone_strand_over_the_middle_refuses_what_its_flanks_cut() -> None:
-    sticks = [LOWER, UPPER]
+def test_the_upper_comes_first_the_lower_is_crossed_and_last() -> None:
+    offered = offer(MEASURED, FOUND)
 
-    found = candidates(
-        placed([LOWER]), strands(sticks, 0), strands([LOWER], 1), looks(sticks), ROD, Tuning(), TABLE
+    assert [reasons(c) for c in offered.candidates] == [[], [], [Refusal.CROSSED]]
+    assert np.linalg.norm(offered.candidates[2].centre - 0.5 * (LOWER.start + LOWER.end)) < 0.002
+    refused = offered.candidates[2].refusals[0]
+    assert (refused.value, refused.limit) == (1.0, 0.0)
+    assert offered.candidates[2].recognised
+
+
+def test_a_crossing_names_both_and_its_point_and_gap() -> None:
+    offered = offer(MEASURED, FOUND)
+
+    (crossing,) = offered.crossings
+    above, below = offered.candidates[crossing.above], offered.candidates[crossing.below]
+    assert above.offered
+    assert reasons(below) == [Refusal.CROSSED]
+    assert crossing.point == pytest.approx([0.0, 0.0, 0.394], abs=0.002)
+    assert crossing.gap_m == pytest.approx(0.0, abs=0.0015)
+    assert crossing.sure > 2
+
+
+@pytest.mark.parametrize(("length_m", "limit_m"), [(0.106, 0.104), (0.094, 0.096)])
+def test_another_length_is_refused_by_what_its_ends_say(length_m: float, limit_m: float) -> None:
+    refused = only(offer(replace(ONE_MEASURED, free_length_m=np.array([length_m]))))
+
+    assert (refused.reason, refused.unit) == (Refusal.LENGTH, "m")
+    assert refused.value == length_m
+    assert refused.limit == pytest.approx(limit_m)
+
+
+def test_what_goes_on_beyond_an_unseen_end_is_too_long() -> None:
+    refused = only(offer(replace(ONE_MEASURED, goes_on=np.array([GOES_ON + 0.1]))))
+
+    assert refused.reason is Refusal.LENGTH
+    assert refused.value > refused.limit == pytest.approx(0.104)
+
+
+def test_a_stray_is_refused_by_its_length_though_it_is_nearly_right() -> None:
+    parts = ONE_MEASURED.parts.copy()
+    parts[:, KIND] = -1.0
+
+    refused = only(offer(replace(ONE_MEASURED, parts=parts)))
+
+    assert refused.reason is Refusal.LENGTH
+    assert refused.value == pytest.approx(0.1, abs=0.001)
+
+
+@pytest.mark.parametrize(("times", "limit"), [(0.6, WIDTH_SHARE[0]), (1.4, WIDTH_SHARE[1])])
+def test_another_width_is_refused_in_metres(times: float, limit: float) -> None:
+    parts = ONE_MEASURED.parts.copy()
+    parts[:, UNIT] = times * FRAME.unit
+
+    refused = only(offer(replace(ONE_MEASURED, parts=parts)))
+
+    assert (refused.reason, refused.unit) == (Refusal.WIDTH, "m")
+    assert refused.value == pytest.approx(times * 0.004)
+    assert refused.limit == pytest.approx(limit * 0.004)
+
+
+def test_a_thread_whose_flanks_are_never_seen_together_is_refused() -> None:
+    value = ONE.state.value.copy()
+    value[..., 1] = 0.0
+
+    refused = only(offer(found=replace(ONE, state=ONE.state._replace(value=value))))
+
+    assert refused == Refused(reason=Refusal.FLANKS, value=0.0, limit=LEAST_BOTH, unit="1")
+
+
+def test_a_part_that_leaves_the_picture_is_refused() -> None:
+    ground = ONE.state.ground.copy()
+    steps = int(ONE.state.samples[ONE.chosen[0], 0])
+    ground[ONE.chosen[0], 0, : steps // 10] = 2
+
+    refused = only(offer(found=replace(ONE, state=ONE.state._replace(ground=ground))))
+
+    assert refused.reason is Refusal.EDGE
+    assert refused.value == pytest.approx(0.1, abs=0.02)
+    assert refused.limit == OUTSIDE_SHARE
+
+
+def test_a_bent_part_is_refused_in_pixels() -> None:
+    refused = only(offer(replace(ONE_MEASURED, bow_px=np.array([2.0]))))
+
+    assert refused.reason is Refusal.BENT
+    assert refused.value == 2.0
+    assert refused.limit == pytest.approx(BOW_WIDTHS * FRAME.width_px)
+
+
+@pytest.mark.parametrize(
+    ("tuning", "value", "limit"),
+    [
+        (Tuning(depth_m=(0.41, 0.5)), 0.398, 0.41),
+        (Tuning(depth_m=(0.3, 0.39)), 0.398, 0.39),
+        (Tuning(height_m=(0.01, 0.06)), 0.002, 0.01 - 0.004),
+        (Tuning(height_m=(-0.05, -0.01)), 0.002, -0.01 + 0.004),
+    ],
+)
+def test_outside_its_range_it_is_refused_by_depth(tuning: Tuning, value: float, limit: float) -> None:
+    refused = only(offer(tuning=tuning))
+
+    assert refused.reason is Refusal.DEPTH
+    assert refused.value == pytest.approx(value, abs=0.002)
+    assert refused.limit == pytest.approx(limit)
+
+
+def test_a_steep_part_is_refused_by_its_angle() -> None:
+    steep = lying(0.0, 0.0, 60, height_m=0.022, tilt_deg=20)
+    pictures = drawn([steep], FRAME)
+    found = explained(pictures, FRAME)
+    measured = polish(found, pictures.left, pictures.right, pictures.greys, 0.0, FRAME)
+
+    refused = only(offer(measured, found, Tuning(max_tilt_rad=0.2)))
+
+    assert refused.reason is Refusal.TILT
+    assert refused.value == pytest.approx(np.radians(20), abs=0.05)
+    assert refused.limit == 0.2
+
+
+def test_a_place_known_worse_than_a_diameter_is_refused_and_stays_recognised() -> None:
+    covariance = ONE_MEASURED.covariance.copy()
+    covariance[:, [2, 5], [2, 5]] += 9.0
+
+    offered = offer(replace(ONE_MEASURED, covariance=covariance))
+
+    assert only(offered).reason is Refusal.VAGUE
+    assert only(offered).limit == pytest.approx(VAGUE_DIAMETERS * 0.004)
+    assert only(offered).value == pytest.approx(offered.candidates[0].sigma_m)
+    assert offered.candidates[0].recognised
+
+
+@pytest.mark.parametrize("row_offset_px", [-4.0, 4.0])
+def test_rows_that_are_far_off_refuse_everything(row_offset_px: float) -> None:
+    refused = only(offer(row_offset_px=row_offset_px))
+
+    assert refused == Refused(reason=Refusal.ROWS, value=row_offset_px, limit=MOST_ROW_OFFSET_PX, unit="px")
+
+
+def test_little_evidence_is_a_low_score_with_both_numbers() -> None:
+    refused = only(
+        offer(found=replace(ONE, margin=np.array([0.2 * 2 * FRAME.length_px])), tuning=Tuning(min_score=0.5))
     )
 
-    assert reasons(found[0]) == [Refusal.CROSSED]
+    assert (refused.reason, refused.limit) == (Refusal.LOW_SCORE, 0.5)
+    assert 0.3 < refused.value < 0.5
 
 
-def test_the_same_place_twice_is_offered_once() -> None:
-    again = moved(ASIDE, 0.0005, 0.0)
+@settings(max_examples=40, deadline=None)
+@given(first=st.floats(-1.0, 4.0), second=st.floats(-1.0, 4.0))
+def test_more_evidence_is_never_a_lower_score(first: float, second: float) -> None:
+    scores = [
+        offer(found=replace(ONE, margin=np.array([of * FRAME.length_px]))).candidates[0].score
+        for of in sorted((first, second))
+    ]
 
-    found = offer([ASIDE, again])
-
-    assert [reasons(c) for c in found] == [[], [Refusal.DUPLICATE]]
-
-
-def test_a_completed_end_lowers_the_score_and_too_much_slack_refuses() -> None:
-    seen = offer([ASIDE])[0]
-    completed = offer([ASIDE], placed([ASIDE], completed=True))[0]
-    loose = offer([ASIDE], placed([ASIDE], completed=True, slack_m=0.02))[0]
-
-    assert completed.offered
-    assert completed.score < seen.score <= 1.0
-    assert reasons(loose) == [Refusal.AMBIGUOUS]
-    assert loose.refusals[0].value == 0.02
+    assert 0.0 <= scores[0] <= scores[1] <= 1.0
 
 
-def test_a_part_the_masks_do_not_show_is_refused_as_unmatched() -> None:
-    found = offer([ASIDE], placed([ASIDE], cover=0.5))[0]
-
-    assert reasons(found) == [Refusal.UNMATCHED]
-
-
-def test_a_minimum_score_refuses_with_both_numbers() -> None:
-    found = offer([ASIDE], tuning=Tuning(min_score=0.999))[0]
-
-    assert reasons(found) == [Refusal.LOW_SCORE]
-    assert found.refusals[0].value == found.score
-    assert found.refusals[0].limit == 0.999
+def painted(bgr: tuple[int, int, int]) -> npt.NDArray[np.uint8]:
+    """The left picture, its bright part in a colour."""
+    share = ALONE.greys[0][..., None].astype(np.float64) / 255.0
+    return np.asarray(np.rint(share * np.array(bgr)), np.uint8)
 
 
-def test_a_wrong_width_is_refused_in_pixels() -> None:
-    found = candidates(
-        placed([ASIDE]),
-        strands([ASIDE], 0, 11.0),
-        strands([ASIDE], 1, 11.0),
-        looks([ASIDE]),
-        ROD,
-        Tuning(),
-        TABLE,
-    )
-
-    assert reasons(found[0]) == [Refusal.WIDTH]
-    assert found[0].refusals[0].value == 11.0
-    assert found[0].refusals[0].unit == "px"
+RED = ColourRange(hue_deg=(340.0, 20.0), saturation=(0.5, 1.0))
 
 
-def test_a_tip_at_the_border_is_refused_as_edge() -> None:
-    found = candidates(
-        placed([ASIDE]),
-        strands([ASIDE], 0, kind=Tip.BORDER),
-        strands([ASIDE], 1),
-        looks([ASIDE]),
-        ROD,
-        Tuning(),
-        TABLE,
-    )
+def test_the_right_colour_is_offered_and_another_refused_by_its_hue() -> None:
+    part = replace(ROD, colour=RED)
 
-    assert reasons(found[0]) == [Refusal.EDGE]
+    assert offer(colour=painted((30, 20, 255)), part=part).candidates[0].offered
+    refused = only(offer(colour=painted((255, 40, 30)), part=part))
+
+    assert (refused.reason, refused.unit) == (Refusal.COLOUR, "rad")
+    assert np.degrees(refused.value) == pytest.approx(237, abs=4)
+    assert np.degrees(refused.limit) == pytest.approx(340)
 
 
-def test_parts_far_from_the_length_are_nobodys_concern() -> None:
-    long = lying(0.0, 0.0, 40, length_m=0.16)
+def test_a_grey_part_is_refused_by_its_saturation() -> None:
+    refused = only(offer(colour=painted((200, 200, 215)), part=replace(ROD, colour=RED)))
 
-    assert offer([long]) == ()
-
-
-def test_nothing_placed_offers_nothing() -> None:
-    assert offer([]) == ()
+    assert (refused.reason, refused.unit, refused.limit) == (Refusal.COLOUR, "1", 0.5)
+    assert refused.value < 0.15
 
 
-def test_a_vague_depth_halves_the_score() -> None:
-    sharp = offer([ASIDE], placed([ASIDE], depth_sigma_m=0.0))[0]
-    vague = offer([ASIDE], placed([ASIDE], depth_sigma_m=VAGUE_DEPTH * ROD.diameter_m))[0]
+@pytest.mark.parametrize(
+    ("bgr", "hsv"),
+    [
+        ((0, 0, 1), (0, 1, 1)),
+        ((0, 1, 0), (120, 1, 1)),
+        ((1, 0, 0), (240, 1, 1)),
+        ((0.5, 0.25, 0.5), (300, 0.5, 0.5)),
+        ((0.3, 0.3, 0.3), (0, 0, 0.3)),
+    ],
+)
+def test_hue_saturation_and_value(bgr: tuple[float, ...], hsv: tuple[float, ...]) -> None:
+    assert hue_saturation_value(np.array(bgr, np.float64)) == pytest.approx(hsv)
 
-    assert vague.score == pytest.approx(0.5 * sharp.score)
+
+def test_parts_of_quite_another_length_are_nobodys_concern() -> None:
+    assert offer(part=replace(ROD, length_m=0.2)).candidates == ()
+
+
+def test_pieces_that_no_part_lies_along_are_left() -> None:
+    part = ONE_MEASURED.parts[0]
+    own = np.stack([part[1:3], 0.5 * (part[1:3] + part[4:6])])
+    aside = np.array([20.0, 0.0])
+    across = np.stack([part[1:3] + aside, part[1:3] - aside])
+    far = own + 50.0
+
+    left = unexplained(np.stack([own, across, far]), ONE_MEASURED, FRAME.width_px)
+
+    assert np.array_equal(left, np.stack([across, far]))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vision.lines import Picture, Pieces
-from vision.ribbons import ribbons
+from vision.ribbons import Ribbons, ribbons
+from vision.sampling import Picture
 from vision.types import Floats
 
 WIDTH_PX, LEAST_PX, FLOOR = 6.0, 9.0, 6.0
@@ -26,11 +26,11 @@ def bands(offsets_px: list[float], angle_deg: float, seam: float = 0.4) -> Pictu
     return cv2.GaussianBlur(picture, (0, 0), 0.8).astype(np.float32)
 
 
-def found(picture: Picture, width_px: float = WIDTH_PX) -> Pieces:
+def found(picture: Picture, width_px: float = WIDTH_PX) -> Ribbons:
     return ribbons(picture, picture > 100.0, width_px, FLOOR, LEAST_PX)
 
 
-def offsets_px(pieces: Pieces, angle_deg: float) -> Floats:
+def offsets_px(pieces: Ribbons, angle_deg: float) -> Floats:
     """(K, 2) how far either end of each piece is off the middle of the picture, across the bands."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     ends = np.stack([pieces.start, pieces.end], axis=1) - 80.0
@@ -66,4 +66,4 @@ def test_what_is_not_foreground_is_no_ribbon() -> None:
     pieces = ribbons(picture, np.zeros(picture.shape, np.bool_), WIDTH_PX, FLOOR, LEAST_PX)
 
     assert pieces.start.shape == (0, 2)
-    assert pieces.edge.shape == (0,)
+    assert pieces.end.shape == (0, 2)

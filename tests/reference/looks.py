@@ -1,0 +1,114 @@
+"""What the stages of the default method are given: drawn pictures, their edges, and parts as hypotheses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tests.reference.sticks import TABLE, Stick, pair, rig
+from vision import choice
+from vision.canvas import in_space, on_canvas
+from vision.default import LINE_SLACK_PX, frame_of
+from vision.edges import Edges, edges
+from vision.explain import Explanation, Frame, explain
+from vision.foreground import stands_out
+from vision.proposals import lines
+from vision.refine import COLUMNS, LENGTH, UNIT
+from vision.traits import traits
+from vision.types import PartModel, Tuning
+from vision.windows import strays, windows
+
+Floats = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+ROD = PartModel(code=7, name="rod", length_m=0.1, length_tolerance_m=0.004, diameter_m=0.004)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """Both pictures and their edges."""
+
+    greys: tuple[Grey, Grey]
+    left: Edges
+    right: Edges
+
+
+def frame(part: PartModel = ROD) -> Frame:
+    """The frame of a look at the drawn table."""
+    return frame_of(rig(), part, Tuning(), TABLE)
+
+
+def seen(greys: tuple[Grey, Grey], of: Frame, row_shift_px: float = 0.0) -> Seen:
+    """The edges of two pictures as `vision.default` finds them."""
+    found = []
+    for side, grey in enumerate(greys):
+        out = stands_out(grey, of.width_px)
+        near = out.ground | out.mask
+        found.append(edges(grey, near, near, out.contrast_grey, of.on, side, side * row_shift_px))
+    return Seen(greys=greys, left=found[0], right=found[1])
+
+
+def drawn(sticks: list[Stick], of: Frame, seed: int = 0) -> Seen:
+    """The edges of drawn sticks."""
+    return seen(pair(sticks, seed=seed), of)
+
+
+def ends_px(stick: Stick, of: Frame) -> Floats:
+    """(6,) both true ends (x, y, d) on the canvas."""
+    return on_canvas(np.stack([stick.start, stick.end]), of.on).reshape(6)
+
+
+def hypotheses(sticks: list[Stick], of: Frame, *, free: bool = False) -> Floats:
+    """(N, `COLUMNS`) the sticks as they are; of the product's length, or of an unknown one."""
+    rows = np.zeros((len(sticks), COLUMNS))
+    for row, stick in zip(rows, sticks, strict=True):
+        row[1:7] = ends_px(stick, of)
+        row[UNIT] = of.unit
+        row[LENGTH] = 0.0 if free else float(np.linalg.norm(stick.end - stick.start))
+    return rows
+
+
+def state_of(rows: Floats, pictures: Seen, of: Frame) -> choice.State:
+    """A fresh state of the choice over hypotheses, none of which gains or loses for itself."""
+    return choice.state(
+        rows,
+        traits(rows, pictures.left, pictures.right, 2.8 * of.length_px),
+        pictures.left,
+        pictures.right,
+        in_space(rows[:, 1:7].reshape(-1, 2, 3), of.on),
+        np.zeros(len(rows)),
+        of.length_px,
+        of.width_px,
+        of.part.diameter_m,
+        of.diameter_d,
+    )
+
+
+def pool_of(pictures: Seen, of: Frame) -> Floats:
+    """Hypotheses as `vision.default` proposes them, but for what the skeleton graph adds."""
+    none = np.zeros((0, 4))
+    left, right = (lines(side, none, of.width_px, of.length_px) for side in (pictures.left, pictures.right))
+    slack = np.array([0.0, 0.0, LINE_SLACK_PX])
+    planes = np.stack([of.low - slack, of.high + slack])
+    length_m = of.part.length_m
+    return np.concatenate(
+        [
+            windows(left, right, of.on, planes, length_m, of.width_px, of.length_px, of.unit),
+            strays(left, right, of.on, planes, length_m, of.length_px, of.unit),
+        ]
+    )
+
+
+def explained(pictures: Seen, of: Frame) -> Explanation:
+    """The set of parts that explains the pictures."""
+    return explain(pool_of(pictures, of), pictures.left, pictures.right, of)
+
+
+def worst_end_m(row: Floats, stick: Stick, of: Frame) -> float:
+    """Distance of the worse of its ends from the stick's, m."""
+    ends = in_space(row[1:7].reshape(2, 3), of.on)
+    truth = np.stack([stick.start, stick.end])
+    straight, turned = (np.linalg.norm(side - truth, axis=1).max() for side in (ends, ends[::-1]))
+    return float(min(straight, turned))
