@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.choice import State
+from vision.claims import State
 from vision.explain import Frame
 from vision.types import Floats
 

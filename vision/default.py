@@ -26,6 +26,7 @@ from vision.published import Observer, depth_gate_m, require_pictures
 from vision.rows import row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
+from vision.strays import strays
 from vision.types import (
     CameraModel,
     Floats,
@@ -43,7 +44,7 @@ from vision.types import (
     View,
     read_only,
 )
-from vision.windows import strays, windows
+from vision.windows import windows
 
 LINE_SLACK_PX = 3.0
 MOST_FIRST = 3

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision import choice
+from vision import choice, claims
 from vision.canvas import Canvas, in_space
 from vision.edges import Edges
 from vision.flank import Counts
@@ -74,7 +74,7 @@ class Explanation:
     hypotheses: Floats
     chosen: list[int]
     margin: Floats
-    state: choice.State
+    state: claims.State
     seen: Traits
 
 
@@ -122,7 +122,7 @@ def explain(
     return _explanation(hypotheses, chosen, now, seen)
 
 
-def _explanation(hypotheses: Floats, chosen: Bools, now: choice.State, seen: Traits) -> Explanation:
+def _explanation(hypotheses: Floats, chosen: Bools, now: claims.State, seen: Traits) -> Explanation:
     rows = [int(k) for k in np.flatnonzero(chosen)]
     nobody = np.zeros(len(hypotheses), np.bool_)
     margin = np.array([_margin(now, k, nobody) for k in rows], np.float64)
@@ -169,7 +169,7 @@ def _sound(hypotheses: Floats, frame: Frame) -> Bools:
 
 def _state(
     hypotheses: Floats, seen: Traits, left: Edges, right: Edges, frame: Frame, related: bool
-) -> choice.State:
+) -> claims.State:
     part = frame.part
     space = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
     rise = hypotheses[:, DA] - hypotheses[:, DB]
@@ -177,14 +177,14 @@ def _state(
     tilt = rise / frame.diameter_d * part.diameter_m / part.length_m
     prior = -2 * frame.length_px * np.minimum(TILT_COST * tilt**2, MOST_TILT_COST)
     prior = prior - np.where(hypotheses[:, KIND] < 0, 2 * STRAY_LENGTHS * frame.length_px, 0.0)
-    return choice.state(
+    return claims.state(
         hypotheses, seen, left, right, space, prior, frame.length_px, frame.width_px, part.diameter_m,
         frame.diameter_d, related,
     )  # fmt: skip
 
 
 def _on_own_edges(
-    hypotheses: Floats, chosen: Bools, now: choice.State, left: Edges, right: Edges, frame: Frame
+    hypotheses: Floats, chosen: Bools, now: claims.State, left: Edges, right: Edges, frame: Frame
 ) -> Floats:
     """Every chosen part refined on the edges that no other claims, from five places; what is plain to see
     is left as it is."""
@@ -195,24 +195,24 @@ def _on_own_edges(
     added = []
     nobody = np.zeros(len(chosen), np.bool_)
     for k in np.flatnonzero(chosen).tolist():
-        choice.give_back(now, k)
-        if choice.gain_of(k, now) > PLAIN_LENGTHS * 2 * frame.length_px:
-            choice.take(now, k, nobody)
+        claims.give_back(now, k)
+        if claims.gain_of(k, now) > PLAIN_LENGTHS * 2 * frame.length_px:
+            claims.take(now, k, nobody)
             continue
         near = np.repeat(hypotheses[k : k + 1], len(moves), axis=0)
         near[:, 1:7] += moves
         taken = (now.taken_l, now.taken_r)
         settle(near, left, right, taken, frame, TILT_SHARE, 4, 3.0)
         added.append(near)
-        choice.take(now, k, nobody)
+        claims.take(now, k, nobody)
     if not added:
         return np.zeros((0, COLUMNS))
     found = np.concatenate(added)
     return np.asarray(found[_sound(found, frame)], np.float64)
 
 
-def _margin(now: choice.State, k: int, nobody: Bools) -> float:
-    choice.give_back(now, k)
-    gain = choice.gain_of(k, now)
-    choice.take(now, k, nobody)
+def _margin(now: claims.State, k: int, nobody: Bools) -> float:
+    claims.give_back(now, k)
+    gain = claims.gain_of(k, now)
+    claims.take(now, k, nobody)
     return float(gain)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision import choice, shading
+from vision import claims, shading
 from vision.canvas import in_space
 from vision.edges import Edges, Ids, Reals
 from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame, settle
@@ -73,7 +73,7 @@ def polish(
     covariance = np.zeros((count, 6, 6))
     free_length = np.full(count, np.nan)
     for place, k in enumerate(chosen):
-        choice.give_back(now, k)
+        claims.give_back(now, k)
         taken = (now.taken_l, now.taken_r)
         one = parts[place : place + 1].copy()
         own = slice(place, place + 1)
@@ -95,7 +95,7 @@ def polish(
             settle(free, left, right, taken, frame, TILT_SHARE, 3, SPACING_PX, shift[own], loose[own])
             free_length[place] = _length_m(free[0], frame)
         parts[place] = one[0]
-        choice.take(now, k, nobody)
+        claims.take(now, k, nobody)
     return Measured(
         parts=parts,
         covariance=covariance,

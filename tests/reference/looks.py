@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tests.reference.sticks import TABLE, Stick, pair, rig
-from vision import choice
+from vision import claims
 from vision.canvas import in_space, on_canvas
 from vision.default import LINE_SLACK_PX, frame_of
 from vision.edges import Edges, edges
@@ -16,9 +16,10 @@ from vision.explain import Explanation, Frame, explain
 from vision.foreground import stands_out
 from vision.proposals import lines
 from vision.refine import COLUMNS, LENGTH, UNIT
+from vision.strays import strays
 from vision.traits import traits
 from vision.types import PartModel, Tuning
-from vision.windows import strays, windows
+from vision.windows import windows
 
 Floats = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -70,9 +71,9 @@ def hypotheses(sticks: list[Stick], of: Frame, *, free: bool = False) -> Floats:
     return rows
 
 
-def state_of(rows: Floats, pictures: Seen, of: Frame) -> choice.State:
+def state_of(rows: Floats, pictures: Seen, of: Frame) -> claims.State:
     """A fresh state of the choice over hypotheses, none of which gains or loses for itself."""
-    return choice.state(
+    return claims.state(
         rows,
         traits(rows, pictures.left, pictures.right, 2.8 * of.length_px),
         pictures.left,

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from tests.reference.looks import drawn, frame, hypotheses, state_of
 from tests.reference.sticks import Stick, lying
-from vision.choice import NEVER, State, deepen, energy, exchange, gain_of, give_back, greedy, take
+from vision.choice import deepen, energy, exchange, greedy
+from vision.claims import NEVER, State, gain_of, give_back, take
 from vision.types import Bools
 
 FRAME = frame()

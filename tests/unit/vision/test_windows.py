@@ -10,8 +10,9 @@ from tests.reference.sticks import DEPTH_M, Stick, lying
 from vision.canvas import in_space
 from vision.proposals import lines
 from vision.refine import KIND, LENGTH, SCORE, UNIT
+from vision.strays import strays
 from vision.types import Floats
-from vision.windows import distinct, strays, windows
+from vision.windows import distinct, windows
 
 FRAME = frame()
 NONE = np.zeros((0, 4))

@@ -1,0 +1,384 @@
+"""What every hypothesis gains beside those that are chosen, and what choosing one takes from the others.
+
+A chosen part claims the edges of its flanks and ends; what is left is what others can be made of. A part
+gains by flanks and ends that nobody else claims and loses by places without them, less where another chosen
+part lies over it, more where the picture shows background. Parts do not pass through each other.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vision.edges import Edges, Ids, Reals
+from vision.flank import Counts
+from vision.jit import compiled
+from vision.traits import BEYOND, LANES, Traits, claimed_edges
+from vision.types import Bools, Floats, Ints
+
+UNSEEN, HIDDEN, BACKGROUND, OUTSIDE = 0.35, 0.08, 1.5, 0.35
+"""What a px of axis costs without flanks: in the open, under another part, on background, off the picture."""
+ONE_FLANK, BOTH_FLANKS, SEEN_COST = 0.45, 0.6, 0.1
+TIP_WIDTHS, NO_TIP_WIDTHS, BEYOND_WEIGHT = 1.3, 0.65, 0.5
+"""An end that is seen; one that is neither seen nor covered; flanks that go on beyond it, each px."""
+THROUGH = 0.6
+"""Axes nearer than this share of the diameter pass through each other."""
+THROUGH_LENGTHS = 0.25
+PARALLEL = 0.97
+BELOW_SHARE, ABOVE_SHARE, CROSSING, ALONG = 0.35, 0.5, 0.95, 0.985
+"""A part may cover another unless it lies this share of a diameter below it; it surely does, at a crossing
+and not along it (cosine), from the second share above it."""
+MOST_COVERS = 64
+NEVER = -1e9
+
+
+class State(NamedTuple):
+    """Everything the compiled choice works on; N hypotheses, two views."""
+
+    samples: npt.NDArray[np.int32]
+    ends: Floats
+    width: Floats
+    value: Reals
+    edge: Ids
+    ground: npt.NDArray[np.uint8]
+    tip_value: Reals
+    tip_edge: Ids
+    beyond_value: Reals
+    beyond_edge: Ids
+    table_l: Reals
+    at_l: Ids
+    table_r: Reals
+    at_r: Ids
+    taken_l: Counts
+    taken_r: Counts
+    disparity: Floats
+    space: Floats
+    prior: Floats
+    soft: Floats
+    hard: Ints
+    covers: npt.NDArray[np.int32]
+    covered: Ints
+    claims: npt.NDArray[np.int64]
+    claim_count: Ints
+    gain: Floats
+    near_at: Ints
+    near: Ints
+    pair: Reals
+    spans: npt.NDArray[np.int16]
+    rival: Bools
+    size_px: float
+    width_px: float
+    diameter: float
+    step_d: float
+
+
+def state(
+    hypotheses: Floats,
+    seen: Traits,
+    left: Edges,
+    right: Edges,
+    space: Floats,
+    prior: Floats,
+    length_px: float,
+    width_px: float,
+    diameter_m: float,
+    diameter_d: float,
+    related: bool = True,
+) -> State:
+    """A fresh state with nothing chosen.
+
+    Parameters
+    ----------
+    space : (N, 2, 3)
+        Ends in m, any orthonormal frame.
+    prior : (N,)
+        What each part gains or loses for itself.
+    diameter_d
+        Disparity that one diameter of height makes, px.
+    related
+        Without it nothing can be taken, only looked at.
+    """
+    n = len(hypotheses)
+    longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
+    near_at, near = np.zeros(n + 1, np.int64), np.zeros(0, np.int64)
+    if related:
+        near_at, near = _neighbours(seen.ends, width_px + 2.0)
+    made = State(
+        samples=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
+        ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
+        beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
+        table_l=left.table, at_l=left.at, table_r=right.table, at_r=right.at,
+        taken_l=np.zeros(len(left.table) + 1, np.uint16), taken_r=np.zeros(len(right.table) + 1, np.uint16),
+        disparity=np.ascontiguousarray(hypotheses[:, [3, 6]]), space=np.ascontiguousarray(space), prior=prior,
+        soft=np.zeros(n), hard=np.zeros(n, np.int64),
+        covers=np.zeros((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
+        claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
+        gain=np.zeros(n), near_at=near_at, near=near,
+        pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
+        rival=np.zeros(len(near), np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m,
+        step_d=diameter_d,
+    )  # fmt: skip
+    _relate(made)
+    return made
+
+
+@compiled
+def gain_of(h: int, s: State) -> float:
+    """What a hypothesis adds to what is chosen, in px of evidence."""
+    if s.hard[h] > 0:
+        return NEVER
+    total = s.prior[h] - s.soft[h]
+    hidden = np.zeros(s.value.shape[2], np.uint8)
+    for view in range(2):
+        taken = s.taken_l if view == 0 else s.taken_r
+        steps = s.samples[h, view]
+        hidden[:steps] = 0
+        for c in range(s.covered[h, view]):
+            level = 1 + s.covers[h, view, c, 3]
+            for q in range(s.covers[h, view, c, 1], s.covers[h, view, c, 2]):
+                hidden[q] = max(hidden[q], level)
+        part = 0.0
+        for q in range(steps):
+            kind = s.ground[h, view, q]
+            if kind == 0:
+                part -= BACKGROUND
+                continue
+            if kind == 2:
+                part -= OUTSIDE
+                continue
+            low, high = 0.0, 0.0
+            e = s.edge[h, view, q, 0]
+            if e >= 0 and taken[e] == 0:
+                low = s.value[h, view, q, 0]
+            e = s.edge[h, view, q, 1]
+            if e >= 0 and taken[e] == 0:
+                high = s.value[h, view, q, 1]
+            if hidden[q] == 2:
+                # what is seen through another part is not this one
+                part -= HIDDEN
+            elif low == 0.0 and high == 0.0:
+                part -= HIDDEN if hidden[q] > 0 else UNSEEN
+            else:
+                part += ONE_FLANK * (low + high) + BOTH_FLANKS * min(low, high) - SEEN_COST
+        dx = s.ends[h, view, 2] - s.ends[h, view, 0]
+        dy = s.ends[h, view, 3] - s.ends[h, view, 1]
+        total += part * np.hypot(dx, dy) / max(steps, 1)
+        for end in range(2):
+            tip = 0.0
+            for lane in range(LANES):
+                e = s.tip_edge[h, view, end, lane]
+                if e >= 0 and taken[e] == 0:
+                    tip += s.tip_value[h, view, end, lane]
+            tip /= LANES
+            total += TIP_WIDTHS * s.width_px * tip
+            if hidden[0 if end == 0 else max(steps - 1, 0)] == 0:
+                total -= NO_TIP_WIDTHS * s.width_px * max(0.0, 1 - 1.6 * tip)
+            more = 0.0
+            for q in range(BEYOND):
+                a, b = s.beyond_edge[h, view, end, q, 0], s.beyond_edge[h, view, end, q, 1]
+                if a >= 0 and b >= 0 and taken[a] == 0 and taken[b] == 0:
+                    more += min(s.beyond_value[h, view, end, q, 0], s.beyond_value[h, view, end, q, 1])
+            total -= BEYOND_WEIGHT * more
+    return float(total)
+
+
+@compiled
+def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
+    """Samples of h that lie under the outline of k, first and behind the last, and how far k is above there.
+
+    Above is a difference of disparities, px.
+    """
+    xa, ya = s.ends[k, view, 0], s.ends[k, view, 1]
+    dx, dy = s.ends[k, view, 2] - xa, s.ends[k, view, 3] - ya
+    size_k = np.hypot(dx, dy)
+    ux, uy = dx / size_k, dy / size_k
+    px, py = s.ends[h, view, 0], s.ends[h, view, 1]
+    qx, qy = s.ends[h, view, 2] - px, s.ends[h, view, 3] - py
+    half = 0.25 * (s.width[k, 0] + s.width[k, 1]) + 0.7
+    # along k: t = t0 + share t1; across: c = c0 + share c1
+    t0, t1 = (px - xa) * ux + (py - ya) * uy, qx * ux + qy * uy
+    c0, c1 = -(px - xa) * uy + (py - ya) * ux, -qx * uy + qy * ux
+    low, high = 0.0, 1.0
+    if abs(c1) < 1e-9:
+        if abs(c0) > half:
+            return 0, 0, 0.0
+    else:
+        a, b = (-half - c0) / c1, (half - c0) / c1
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+    if abs(t1) < 1e-9:
+        if t0 < -1 or t0 > size_k + 1:
+            return 0, 0, 0.0
+    else:
+        a, b = (-1 - t0) / t1, (size_k + 1 - t0) / t1
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+    if high <= low:
+        return 0, 0, 0.0
+    middle = 0.5 * (low + high)
+    there = min(max((t0 + middle * t1) / size_k, 0.0), 1.0)
+    own = s.disparity[h, 0] + middle * (s.disparity[h, 1] - s.disparity[h, 0])
+    other = s.disparity[k, 0] + there * (s.disparity[k, 1] - s.disparity[k, 0])
+    steps = s.samples[h, view]
+    return int(low * steps), min(int(np.ceil(high * steps)), steps), other - own
+
+
+@compiled
+def _apart(s: State, h: int, k: int) -> tuple[float, float]:
+    """Distance of two axes in space, m, and the cosine between them (Lumelsky 1985, clamped)."""
+    a, c = s.space[h, 0], s.space[k, 0]
+    u, v, w = s.space[h, 1] - a, s.space[k, 1] - c, a - c
+    uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+    uv = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    uw = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    vw = v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+    det = uu * vv - uv * uv
+    p = 0.5 if det < 1e-9 * uu * vv else min(max((uv * vw - vv * uw) / det, 0.0), 1.0)
+    q = min(max((uv * p + vw) / vv, 0.0), 1.0)
+    p = min(max((uv * q - uw) / uu, 0.0), 1.0)
+    total = 0.0
+    for n in range(3):
+        total += (w[n] + p * u[n] - q * v[n]) ** 2
+    return float(np.sqrt(total)), float(abs(uv) / np.sqrt(uu * vv))
+
+
+@compiled
+def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
+    """For each hypothesis those that it can share edges with, cover, or pass through: starts and places."""
+    count = len(ends)
+    starts = np.zeros(count + 1, np.int64)
+    meets = np.zeros((count, count), np.bool_)
+    for h in range(count):
+        for k in range(h):
+            if _meet_in_picture(ends, h, k, margin):
+                meets[h, k] = True
+                meets[k, h] = True
+    for h in range(count):
+        starts[h + 1] = starts[h] + meets[h].sum()
+    found = np.empty(starts[count], np.int64)
+    for h in range(count):
+        at = starts[h]
+        for k in range(count):
+            if meets[h, k]:
+                found[at] = k
+                at += 1
+    return starts, found
+
+
+@compiled
+def _relate(s: State) -> None:
+    """What each hypothesis is to each neighbour: distance and cosine of the axes, how far the neighbour lies
+    below it in either view, which of the neighbour's samples it covers, and whether both cannot be."""
+    for k in range(len(s.gain)):
+        for at in range(s.near_at[k], s.near_at[k + 1]):
+            h = s.near[at]
+            apart, cosine = _apart(s, h, k)
+            s.pair[at, 0], s.pair[at, 1] = apart, cosine
+            for view in range(2):
+                first, last, above = _overlap(s, h, k, view)
+                s.spans[at, view, 0], s.spans[at, view, 1] = first, last
+                s.pair[at, 2 + view] = above
+            rival = apart < THROUGH * s.diameter and cosine > PARALLEL
+            if not rival:
+                dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
+                ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
+                size, other = np.hypot(dx, dy), np.hypot(ex, ey)
+                if abs(dx * ex + dy * ey) > 0.98 * size * other:
+                    mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
+                    my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
+                    along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
+                    rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
+            s.rival[at] = rival
+
+
+@compiled
+def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
+    """Whether two hypotheses come nearer than ``margin`` in either picture, by separating axes."""
+    for view in range(2):
+        apart = False
+        for turn in range(2):
+            first, second = (h, k) if turn == 0 else (k, h)
+            xa, ya = ends[first, view, 0], ends[first, view, 1]
+            dx, dy = ends[first, view, 2] - xa, ends[first, view, 3] - ya
+            size = np.hypot(dx, dy)
+            ux, uy = dx / size, dy / size
+            px, py = ends[second, view, 0] - xa, ends[second, view, 1] - ya
+            qx, qy = ends[second, view, 2] - xa, ends[second, view, 3] - ya
+            c0, c1 = -px * uy + py * ux, -qx * uy + qy * ux
+            t0, t1 = px * ux + py * uy, qx * ux + qy * uy
+            if min(c0, c1) > margin or max(c0, c1) < -margin:
+                apart = True
+            if min(t0, t1) > size + margin or max(t0, t1) < -margin:
+                apart = True
+        if not apart:
+            return True
+    return False
+
+
+@compiled
+def take(s: State, k: int, alive: Bools) -> None:
+    """Choose k: claims, covers and conflicts of all others follow, and the gains of those it touches."""
+    _claim(s, k, True)
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
+        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
+        if apart < THROUGH * s.diameter:
+            if cosine > PARALLEL:
+                s.hard[h] += 1
+            else:
+                s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+        for view in range(2):
+            first, last = s.spans[at_near, view, 0], s.spans[at_near, view, 1]
+            above = s.pair[at_near, 2 + view]
+            at = s.covered[h, view]
+            if cosine > ALONG:
+                # a part right below another of its own direction explains nothing
+                continue
+            if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
+                s.covers[h, view, at, 0] = k
+                s.covers[h, view, at, 1] = first
+                s.covers[h, view, at, 2] = last
+                s.covers[h, view, at, 3] = 1 if above > ABOVE_SHARE * s.step_d and cosine < CROSSING else 0
+                s.covered[h, view] += 1
+        if alive[h]:
+            s.gain[h] = gain_of(h, s)
+
+
+@compiled
+def give_back(s: State, k: int) -> None:
+    """Undo `take`, but for the gains."""
+    _claim(s, k, False)
+    for at_near in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at_near]
+        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
+        if apart < THROUGH * s.diameter:
+            if cosine > PARALLEL:
+                s.hard[h] -= 1
+            else:
+                s.soft[h] -= THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+        for view in range(2):
+            if s.spans[at_near, view, 1] <= s.spans[at_near, view, 0]:
+                continue
+            kept = 0
+            for c in range(s.covered[h, view]):
+                if s.covers[h, view, c, 0] != k:
+                    for n in range(4):
+                        s.covers[h, view, kept, n] = s.covers[h, view, c, n]
+                    kept += 1
+            s.covered[h, view] = kept
+
+
+@compiled
+def _claim(s: State, k: int, add: bool) -> None:
+    for view in range(2):
+        if s.claim_count[k, view] < 0:
+            table = s.table_l if view == 0 else s.table_r
+            at = s.at_l if view == 0 else s.at_r
+            s.claim_count[k, view] = claimed_edges(
+                table, at, s.ends[k, view], s.width[k, 0], s.width[k, 1], s.claims[k, view]
+            )
+        taken = s.taken_l if view == 0 else s.taken_r
+        for c in range(s.claim_count[k, view]):
+            e = s.claims[k, view, c]
+            taken[e] = taken[e] + np.uint16(1) if add else taken[e] - np.uint16(1)
