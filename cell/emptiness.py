@@ -10,12 +10,13 @@ import numpy as np
 from cell.config import WorkspaceConfig
 from vision import transforms
 from vision.stereo import rectification, unrectify_points
-from vision.types import CameraModel, Floats, Plane, Scene, StereoModel, Transform
+from vision.types import Bools, CameraModel, Candidate, Floats, Plane, Refusal, Scene, StereoModel, Transform
 
 _RIM_M: Final = 0.005
 """Nearer to the edge of the workspace box than this, a line may be the rim of the tray."""
 _SHARE: Final = 0.5
 """What is shorter than this share of a part is a speck."""
+_STEPS: Final = 200
 
 
 def is_empty(
@@ -28,20 +29,50 @@ def is_empty(
 ) -> bool:
     """True when nothing was seen that could be a part of this length.
 
-    That is: no candidate, no segment in space of half its length, and no line of the left skeleton graph
-    that would be half as long if it lay on the table inside the workspace box. The last is what a heap shows
-    in which no part could be told from the next.
+    That is: inside the workspace box no candidate of which both flanks are seen, no segment in space of half
+    a part's length, and no line of the left skeleton graph that would be half as long if it lay on the table.
+    The last is what a heap shows in which no part could be told from the next. Edges of the tray and of its
+    shadow have one flank: they make candidates, but not of anything that can be picked.
     """
-    if scene.candidates:
-        return False
     least_m = _SHARE * length_m
-    lengths = np.linalg.norm(scene.segments.end - scene.segments.start, axis=1)
-    if bool((lengths >= least_m).any()):
+    if any(
+        not _edge_only(candidate)
+        and _box_length_m(candidate.start, candidate.end, base_from_camera, workspace)
+        for candidate in scene.candidates
+    ):
         return False
+    edges = [np.stack([c.start, c.end]) for c in scene.candidates if _edge_only(c)]
+    for start, end in zip(scene.segments.start, scene.segments.end, strict=True):
+        ends = np.stack([start, end])
+        if any(np.allclose(ends, edge, atol=1e-9) for edge in edges):
+            continue
+        if _box_length_m(start, end, base_from_camera, workspace) >= least_m:
+            return False
     return not any(
         _inside_m(path, scene, stereo, table, base_from_camera, workspace) >= least_m
         for path in scene.left.graph.paths
     )
+
+
+def _edge_only(candidate: Candidate) -> bool:
+    return any(refused.reason is Refusal.FLANKS for refused in candidate.refusals)
+
+
+def _box_length_m(
+    start: Floats, end: Floats, base_from_camera: Transform, workspace: WorkspaceConfig
+) -> float:
+    """How much (m) of a straight line in space, left camera frame, lies inside the box as seen from above."""
+    share = np.linspace(0.0, 1.0, _STEPS + 1)[:, None]
+    points = transforms.apply(base_from_camera, start + share * (end - start))
+    inside = _in_box(points[:, :2], workspace)
+    return float(np.count_nonzero(inside[:-1] & inside[1:])) / _STEPS * float(np.linalg.norm(end - start))
+
+
+def _in_box(points_m: Floats, workspace: WorkspaceConfig) -> Bools:
+    """(N,) of points (N, 2) m, base frame: inside the box and not at its rim."""
+    low = np.array(workspace.box_min_m[:2]) + _RIM_M
+    high = np.array(workspace.box_max_m[:2]) - _RIM_M
+    return np.asarray(((points_m >= low) & (points_m <= high)).all(axis=1), dtype=np.bool_)
 
 
 def _inside_m(
@@ -56,9 +87,7 @@ def _inside_m(
     if scene.method == "published":
         path_px = unrectify_points(path_px, rectification(stereo), "left")
     points = transforms.apply(base_from_camera, on_plane(path_px, stereo.left, table))[:, :2]
-    low = np.array(workspace.box_min_m[:2]) + _RIM_M
-    high = np.array(workspace.box_max_m[:2]) - _RIM_M
-    inside = np.asarray(((points >= low) & (points <= high)).all(axis=1), dtype=np.bool_)
+    inside = _in_box(points, workspace)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return float(steps[inside[:-1] & inside[1:]].sum())
 
