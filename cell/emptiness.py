@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 
 from cell.config import WorkspaceConfig
 from vision import transforms
-from vision.stereo import rectification, unrectify_points
+from vision.stereo import project, rectification, unrectify_points
 from vision.types import Bools, CameraModel, Candidate, Floats, Plane, Refusal, Scene, StereoModel, Transform
 
 _RIM_M: Final = 0.005
@@ -17,6 +18,16 @@ _RIM_M: Final = 0.005
 _SHARE: Final = 0.5
 """What is shorter than this share of a part is a speck."""
 _STEPS: Final = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Where:
+    """Cameras, table and box of one cell."""
+
+    stereo: StereoModel
+    table: Plane
+    base_from_camera: Transform
+    workspace: WorkspaceConfig
 
 
 def is_empty(
@@ -35,9 +46,9 @@ def is_empty(
     shadow have one flank: they make candidates, but not of anything that can be picked.
     """
     least_m = _SHARE * length_m
+    where = _Where(stereo=stereo, table=table, base_from_camera=base_from_camera, workspace=workspace)
     if any(
-        not _edge_only(candidate)
-        and _box_length_m(candidate.start, candidate.end, base_from_camera, workspace)
+        not _edge_only(candidate) and _box_share(candidate.start, candidate.end, where) >= _SHARE
         for candidate in scene.candidates
     ):
         return False
@@ -46,7 +57,7 @@ def is_empty(
         ends = np.stack([start, end])
         if any(np.allclose(ends, edge, atol=1e-9) for edge in edges):
             continue
-        if _box_length_m(start, end, base_from_camera, workspace) >= least_m:
+        if _box_share(start, end, where) * float(np.linalg.norm(end - start)) >= least_m:
             return False
     return not any(
         _inside_m(path, scene, stereo, table, base_from_camera, workspace) >= least_m
@@ -58,14 +69,16 @@ def _edge_only(candidate: Candidate) -> bool:
     return any(refused.reason is Refusal.FLANKS for refused in candidate.refusals)
 
 
-def _box_length_m(
-    start: Floats, end: Floats, base_from_camera: Transform, workspace: WorkspaceConfig
-) -> float:
-    """How much (m) of a straight line in space, left camera frame, lies inside the box as seen from above."""
+def _box_share(start: Floats, end: Floats, where: _Where) -> float:
+    """Share of a line in space, left camera frame, that is seen in front of the table inside the box.
+
+    The rim of the tray is seen in front of what lies outside it, however badly its depth is known.
+    """
     share = np.linspace(0.0, 1.0, _STEPS + 1)[:, None]
-    points = transforms.apply(base_from_camera, start + share * (end - start))
-    inside = _in_box(points[:, :2], workspace)
-    return float(np.count_nonzero(inside[:-1] & inside[1:])) / _STEPS * float(np.linalg.norm(end - start))
+    pixels = project(start + share * (end - start), where.stereo)[0]
+    met = on_plane(pixels, where.stereo.left, where.table)
+    inside = _in_box(transforms.apply(where.base_from_camera, met)[:, :2], where.workspace)
+    return float(np.count_nonzero(inside[:-1] & inside[1:])) / _STEPS
 
 
 def _in_box(points_m: Floats, workspace: WorkspaceConfig) -> Bools:
