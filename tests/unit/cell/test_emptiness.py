@@ -19,6 +19,8 @@ KNOWN = calibration.load(DATA / "calibration.json")
 FLOOR_Z = CELL.workspace.floor_z_m
 TABLE = calibration.table_of(KNOWN, FLOOR_Z)
 LENGTH_M = 0.080
+BEYOND_Y = CELL.workspace.box_max_m[1] + 0.01
+ONE_FLANK = Refused(reason=Refusal.FLANKS, value=0.0, limit=0.1, unit="1")
 TOO_SHORT = Refused(reason=Refusal.LENGTH, value=0.03, limit=0.004, unit="m")
 
 
@@ -58,8 +60,20 @@ def with_line(start: Point, end: Point) -> Scene:
         (scene(loose_m=[((0.0, -0.45, 0.02), (0.041, -0.45, 0.02))]), False),
         (scene(stick((-0.04, -0.52, 0.022), (0.0, -0.52, 0.022), refusals=(TOO_SHORT,))), False),
         (scene(stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022))), False),
+        (scene(stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022), refusals=(ONE_FLANK,))), True),
+        (scene(stick((-0.04, BEYOND_Y, 0.022), (0.04, BEYOND_Y, 0.022), refusals=(TOO_SHORT,))), True),
+        (scene(loose_m=[((-0.04, BEYOND_Y, 0.02), (0.04, BEYOND_Y, 0.02))]), True),
     ],
-    ids=["nothing", "a short bit", "half a part", "a refused part", "a part"],
+    ids=[
+        "nothing",
+        "a short bit",
+        "half a part",
+        "a refused part",
+        "a part",
+        "an edge of something",
+        "a refused part on the rim",
+        "a line outside",
+    ],
 )
 def test_what_was_found_in_space_counts_from_half_a_part_on(seen: Scene, expected: bool) -> None:
     assert empty(seen) is expected
