@@ -130,10 +130,10 @@ def test_a_stray_is_refused_by_its_length_though_it_is_nearly_right() -> None:
 
 @pytest.mark.parametrize(("times", "limit"), [(0.6, WIDTH_SHARE[0]), (1.4, WIDTH_SHARE[1])])
 def test_another_width_is_refused_in_metres(times: float, limit: float) -> None:
-    parts = ONE_MEASURED.parts.copy()
-    parts[:, UNIT] = times * FRAME.unit
+    hypotheses = ONE.hypotheses.copy()
+    hypotheses[:, UNIT] = times * FRAME.unit
 
-    refused = only(offer(replace(ONE_MEASURED, parts=parts)))
+    refused = only(offer(found=replace(ONE, hypotheses=hypotheses)))
 
     assert (refused.reason, refused.unit) == (Refusal.WIDTH, "m")
     assert refused.value == pytest.approx(times * 0.004)
