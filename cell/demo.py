@@ -24,6 +24,7 @@ from rich.console import Console
 
 from cell.errors import ConfigError, UsageError
 from drivers.timing import MonotonicClock
+from vision.default import warm_up
 
 Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 Line: TypeAlias = dict[str, "Json"]
@@ -157,6 +158,9 @@ def demo(config: Path, out: Path, *, sticks: int, seed: int, speed: float, deadl
             raise UsageError(f"{needed}: not found; run the demo in the checkout, or give --config")
     _clear(out)
     console = Console(highlight=False, soft_wrap=True)
+    console.print("Compiling the detector: a minute or two on a new machine, a second later on.")
+    # here and not while the PLC waits for the cell to be ready
+    warm_up()
     children: list[_Child] = []
     asked = _asked_to_end()
     try:

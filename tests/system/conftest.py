@@ -8,6 +8,13 @@ import pytest
 
 from tests.fakes.simcell import SimCell, sim_cell
 from tests.system.processes import SPEED, HandPlc, hand_plc
+from vision.default import warm_up
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_detector() -> None:
+    """Daemons have limits for getting ready; what a new machine takes to compile is not under test."""
+    warm_up()
 
 
 @pytest.fixture(scope="session")
