@@ -120,7 +120,7 @@ def locate_default(
         if first is not None:
             tell("first", first)
 
-    found, pool = _explain(pictures, frame, tell, early if observe is not None else None)
+    found, pool = _explain(pictures, frame, tell, early)
     offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
     tell("rows", offset)
     if offset.significant:
@@ -350,6 +350,9 @@ def warm_up() -> None:
     thin.zhang_suen(left > 100)
     tuning = Tuning(depth_m=(0.3, 0.5))
     locate_default(left, right, stereo_model, part, tuning)
+    # an empty table, and one camera that sees nothing, must not compile anything in the middle of an order
+    locate_default(np.full_like(left, 20), np.full_like(left, 20), stereo_model, part, tuning)
+    locate_default(left, np.full_like(left, 20), stereo_model, part, tuning)
     warm_up_shapes()
 
 

@@ -54,9 +54,13 @@ def lines(found: Edges, pieces: Floats, width_px: float, length_px: float) -> Li
     """
     reach = int(REACH_LENGTHS * length_px)
     if len(found.table) == 0:
-        empty = np.zeros((0, 4))
-        return Lines(table=empty, total=np.zeros((0, 2 * reach + 2)),
-                     tips=np.zeros((0, 2 * reach + 1, 2), np.float32), reach_px=reach)  # fmt: skip
+        # closed for writing like every other table: to the compiler an open one is another type
+        return Lines(
+            table=read_only(np.zeros((0, 4))),
+            total=np.zeros((0, 2 * reach + 2)),
+            tips=np.zeros((0, 2 * reach + 1, 2), np.float32),
+            reach_px=reach,
+        )
     votes, order, starts, around = _votes(found.table, found.at, found.ground, width_px)
     least = FAINTEST_LENGTHS * length_px
     board, middle, radius = _board(votes, order, around)

@@ -23,7 +23,7 @@ SIGNIFICANT_SIGMAS, SIGNIFICANT_PX = 4.0, 0.25
 """An offset counts when it is this many of its deviations and this many px from nothing: a good rig is not
 made worse by its own noise."""
 REACH_PX = 4.5
-LANES = 4
+LANES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
