@@ -28,7 +28,7 @@ from vision.types import (
 
 GOES_ON = 0.3
 """A part whose flanks go on beyond an unseen end on this share of the way is longer than it should be."""
-LEAST_BOTH = 0.1
+LEAST_BOTH = 0.15
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""
 WIDTH_SHARE = (0.72, 1.25)
 BOW_WIDTHS = 0.12
@@ -179,8 +179,9 @@ def _shape_reasons(
         reasons.append(
             Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
         )
-    # as the edges have it: the shading model believes the nominal width
-    width = float(found.hypotheses[k, UNIT]) / frame.unit
+    # as the edges had it, because the shading model believes the nominal width, unless they lost it since
+    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
+    width = last if last < WIDTH_SHARE[0] else raw
     low, high = WIDTH_SHARE
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m
