@@ -66,7 +66,7 @@ def edges(
     at = np.full((on.height_px, on.width_px), -1, np.int32)
     drawn = np.zeros((on.height_px, on.width_px), np.uint8)
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if len(rows) == 0:
+    if len(rows) == 0 or contrast_grey <= 0:
         return Edges(table=table, at=at, ground=drawn)
     border = NEAR_MASK_PX + 4
     top, bottom = max(0, int(rows[0]) - border), min(grey.shape[0], int(rows[-1]) + border + 1)
