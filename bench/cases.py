@@ -18,6 +18,7 @@ from bench.scoring import PLATE, THIN, Crossing, TruePart, Truth
 from cell import scenes
 from cell.calibration import Calibration
 from cell.evaluate import TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS
+from vision.offer import Colour
 from vision.types import Floats, Grey, PartModel, Plane, StereoModel
 
 Ids: TypeAlias = npt.NDArray[np.int32]
@@ -29,7 +30,7 @@ PLATES = frozenset({"bracket", "spanner", "tee"})
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
     """One pair. ``width_m``: how wide a part looks from above; ``shows``: which part a pixel shows, both
-    views.
+    views; ``colour_left`` the left picture in colour where it has any.
     """
 
     family: str
@@ -42,6 +43,7 @@ class Case:
     width_m: float
     truth: Truth
     shows: tuple[Ids, Ids]
+    colour_left: Colour | None = None
 
     def changed(self, left: Grey, right: Grey, stereo: StereoModel | None = None) -> Case:
         """The same scene as other pictures, or as a worse calibration."""
@@ -80,6 +82,7 @@ def of_folder(folder: Path, only: tuple[str, ...] = ()) -> tuple[Case, ...]:
                 width_m=wanted.width_m,
                 truth=truth_from(known, wanted.cls),
                 shows=(_ids(scene.path / "ids_left.png", known), _ids(scene.path / "ids_right.png", known)),
+                colour_left=scenes.colour(scene),
             )
         )
     return tuple(cases)

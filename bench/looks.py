@@ -96,7 +96,7 @@ def see(case: Case, method: Method) -> Seen:
     clock, told = MonotonicClock(), FirstTold()
     tuning = tuning_for(case, method)
     began_at, began_ms = clock.now(), worked_ms()
-    scene = locate(case.left, case.right, case.stereo, part, tuning, case.table, told)
+    scene = locate(case.left, case.right, case.stereo, part, tuning, case.table, told, case.colour_left)
     whole_ms, wall_s = worked_ms() - began_ms, clock.now() - began_at
     return Seen(
         scene=scene,

@@ -18,6 +18,7 @@ from bench.rigs import RIGS, WEBCAM, Rig
 from bench.scenes import grey_of
 from bench.shots import Shot, shoot
 from cell.calibration import Calibration
+from cell.colours import WORDS
 from drivers.sim.layout import CameraLayout
 from vision.types import PartModel
 
@@ -71,10 +72,12 @@ def _case(shot: Shot, known: Calibration, family: str, name: str, seed: int) -> 
             length_m=wish.length_m,
             length_tolerance_m=0.0,
             diameter_m=wish.diameter_m,
+            colour=None if told["request"].get("colour") is None else WORDS[told["request"]["colour"]],
         ),
         width_m=wish.diameter_m,
         truth=truth_from(told, "stick"),
         shows=(shows[0], shows[1]),
+        colour_left=shot.views[0].pixels if shot.views[0].pixels.ndim == 3 else None,
     )
 
 

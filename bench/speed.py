@@ -128,7 +128,7 @@ def stage_times(case: Case, repeats: int) -> dict[str, float]:
     clock, took = ProcessorClock(), []
     for _ in range(repeats):
         times = StageTimes(clock)
-        locate(case.left, case.right, case.stereo, part, tuning, case.table, times)
+        locate(case.left, case.right, case.stereo, part, tuning, case.table, times, case.colour_left)
         took.append(times.durations_s)
         if 1000.0 * sum(times.durations_s.values()) > LONGEST_REPEATED_MS:
             break

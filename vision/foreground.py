@@ -17,7 +17,9 @@ from vision.types import Floats, Grey, Mask, read_only
 
 _BACKGROUND_WIDTHS = 12.0
 """A heap of parts without a gap is not background up to this size."""
-_NOISE_SIGMAS = 5.0
+_NOISE_SIGMAS, _PARTS_SIGMAS = 5.0, 8.0
+"""In deviations of the picture's noise and grain: what counts as contrast, and what parts must typically have.
+Grain of wood alone comes to 5 to 7, the dimmest and most crowded parts at hand to 16."""
 _LEAST_CONTRAST_GREY = 10.0
 _HALF, _FIFTH = 0.5, 0.2
 _SMALL_SIDE = 9
@@ -56,6 +58,8 @@ def stands_out(grey: Grey, width_px: float) -> Foreground:
     noise = _noise_grey(contrast)
     floor = max(_LEAST_CONTRAST_GREY, _NOISE_SIGMAS * noise)
     typical = _typical_contrast_grey(contrast, floor)
+    if typical < _PARTS_SIGMAS * noise:
+        typical = 0.0
     least = max(floor, 0.25 * typical)
     near = _odd(2.0 * width_px)
     strongest = np.asarray(cv2.dilate(contrast, np.ones((near, near), np.uint8)), np.uint8)

@@ -16,8 +16,8 @@ from vision.types import Grey, PictureFlaw, Unusable
 BLACK_LEVEL = 16.0
 """A picture whose brightest hundredth is darker than this shows nothing; video black itself is 16."""
 SATURATED_GREY = 250
-SATURATED_SHARE = 0.35
-"""White paper or a reflection may fill a tenth of a good picture; a third of it leaves too little to trust."""
+SATURATED_SHARE = 0.5
+"""White paper or a reflection may fill a tenth of a good picture; half of it leaves nothing to find."""
 FLAT_SPREAD = 12.0
 """Grey values between the 1st and 99th hundredth; noise of 2.5 values around one grey makes 11.6."""
 
