@@ -18,7 +18,7 @@ from vision.types import Floats, Grey, Mask, read_only
 _BACKGROUND_WIDTHS = 12.0
 """A heap of parts without a gap is not background up to this size."""
 _NOISE_SIGMAS, _PARTS_SIGMAS = 5.0, 8.0
-"""In deviations of the picture's noise and grain: what counts as contrast, and what parts must typically have.
+"""In deviations of the picture's noise and grain: what counts as contrast, what parts must typically have.
 Grain of wood alone comes to 5 to 7, the dimmest and most crowded parts at hand to 16."""
 _LEAST_CONTRAST_GREY = 10.0
 _HALF, _FIFTH = 0.5, 0.2
