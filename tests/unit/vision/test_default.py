@@ -299,22 +299,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.shared_data
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not here")
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            name,
-            marks=[
-                pytest.mark.xfail(
-                    reason="a third part of low score is found where there is none", strict=True
-                )
-            ]
-            if name == "C1"
-            else [],
-        )
-        for name in SCENES
-    ],
-)
+@pytest.mark.parametrize("name", SCENES)
 def test_rendered_scenes_are_found_whole_and_nothing_false_is(rendered: Path, name: str) -> None:
     score_scene = runpy.run_path(str(SHARED / "evaluate.py"))["score_scene"]
     truth = json.loads((SHARED / "scenes" / name / "gt.json").read_text(encoding="utf-8"))
