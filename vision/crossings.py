@@ -11,7 +11,7 @@ from vision.claims import State
 from vision.explain import Frame
 from vision.types import Floats
 
-CLOSE_SHARE = 0.02
+CLOSE_SHARE = 0.05
 """Crossings just beyond an end count: the end itself lies there."""
 FLANK_WEIGHT = 3.0
 """How much the share of flanks that go on through a crossing weighs beside depth, in standard deviations."""
