@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, take
+from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, relate, take
 from vision.jit import compiled
 from vision.types import Bools
 
@@ -175,6 +175,7 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
     about[k] = True
     before = _local(s, chosen, about)
     was = chosen.copy()
+    relate(s, k)
     give_back(s, i)
     chosen[i] = False
     for at_near in range(s.near_at[k], s.near_at[k + 1]):
