@@ -14,7 +14,7 @@ from vision.types import Bools
 
 ACCEPT_LENGTHS, KEEP_LENGTHS = 0.15, 0.15
 """Least gain of a part that is taken, and that stays, in part lengths and view."""
-LEAST_ALONE, RIVAL_SHARE = -0.5, 0.5
+LEAST_ALONE, RIVAL_SHARE = -0.5, 0.65
 LEAST_RISE = 0.02
 
 

@@ -32,7 +32,7 @@ TILT_LENGTHS = 0.1
 costs."""
 ROW_PX = 1.6
 MOST = 20000
-BEATEN = 0.45
+BEATEN = 0.6
 """A hypothesis with a smaller share of the evidence of another in its place is not looked at further."""
 NOTHING = -1e9
 
