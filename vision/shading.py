@@ -57,58 +57,65 @@ class Flanks:
 
 
 @compiled
-def mean_profile(
-    light: Floats,
-    grey: npt.NDArray[np.uint8],
-    grid: Floats,
-    row_shift: float,
-    ends: Floats,
-    radius_a: float,
-    radius_b: float,
-    own: Bools,
-    profile: Floats,
-) -> int:
-    """Mean light across a part at its own stations.
+def mean_profiles(
+    light: Floats, grey: npt.NDArray[np.uint8], grid: Floats, row_shift: float, view: int, which: Bools,
+    ends: Floats, steps: npt.NDArray[np.int32], near: Floats, far: Floats, own: Bools,
+    profiles: Floats, stations: Floats,
+) -> None:  # fmt: skip
+    """Mean light across parts at their own stations in one view, into ``profiles`` (N, 2, `SAMPLES`).
 
-    Sample k is ``(k - HALF_SAMPLES) / HALF_SAMPLES * REACH * r`` off the axis. ``light`` (256,) tells what a
-    grey value means. Returns the number of stations inside the picture.
+    Parameters
+    ----------
+    light : (256,)
+        What a grey value means.
+    which : (N, 2)
+        The profiles that are wanted.
+    ends : (N, 2, 4)
+        On the canvas.
+    near, far : (N,)
+        Radius at either end, px. Sample k is ``(k - HALF_SAMPLES) / HALF_SAMPLES * REACH * r`` off the axis.
+    own : (N, 2, S)
+        Stations to read, of the first ``steps`` (N, 2).
+    stations : (N, 2)
+        Is told how many lie inside the picture.
     """
-    profile[:] = 0.0
-    count = 0
-    steps = len(own)
-    dx, dy = ends[2] - ends[0], ends[3] - ends[1]
-    size = np.hypot(dx, dy)
-    nx, ny = -dy / size, dx / size
     rows, columns = grey.shape
-    line = np.empty(SAMPLES)
-    for q in range(steps):
-        if not own[q]:
+    line, profile = np.empty(SAMPLES), np.empty(SAMPLES)
+    for h in range(len(which)):
+        if not which[h, view]:
             continue
-        share = (q + 0.5) / steps
-        x, y = ends[0] + share * dx, ends[1] + share * dy - row_shift
-        radius = radius_a + share * (radius_b - radius_a)
-        ax, ay = through_grid(grid, x, y)
-        bx, by = through_grid(grid, x + nx, y + ny)
-        inside = True
-        for k in range(SAMPLES):
-            off = (k - HALF_SAMPLES) / HALF_SAMPLES * REACH * radius
-            px, py = ax + off * (bx - ax), ay + off * (by - ay)
-            i, j = int(px), int(py)
-            if px < 0 or py < 0 or i >= columns - 1 or j >= rows - 1:
-                inside = False
-                break
-            fx, fy = px - i, py - j
-            line[k] = (light[grey[j, i]] * (1 - fx) + light[grey[j, i + 1]] * fx) * (1 - fy) + (
-                light[grey[j + 1, i]] * (1 - fx) + light[grey[j + 1, i + 1]] * fx
-            ) * fy
-        if inside:
+        profile[:] = 0.0
+        count = 0
+        xa, ya = ends[h, view, 0], ends[h, view, 1] - row_shift
+        dx, dy = ends[h, view, 2] - ends[h, view, 0], ends[h, view, 3] - ends[h, view, 1]
+        size = np.hypot(dx, dy)
+        nx, ny = -dy / size, dx / size
+        for q in range(steps[h, view]):
+            if not own[h, view, q]:
+                continue
+            share = (q + 0.5) / steps[h, view]
+            x, y = xa + share * dx, ya + share * dy
+            step = REACH / HALF_SAMPLES * (near[h] + share * (far[h] - near[h]))
+            ax, ay = through_grid(grid, x, y)
+            bx, by = through_grid(grid, x + nx, y + ny)
+            ux, uy = step * (bx - ax), step * (by - ay)
+            wide, high = HALF_SAMPLES * abs(ux), HALF_SAMPLES * abs(uy)
+            if ax < wide or ay < high or ax + wide >= columns - 1 or ay + high >= rows - 1:
+                continue
+            for k in range(SAMPLES):
+                px, py = ax + (k - HALF_SAMPLES) * ux, ay + (k - HALF_SAMPLES) * uy
+                i, j = int(px), int(py)
+                fx, fy = px - i, py - j
+                line[k] = (light[grey[j, i]] * (1 - fx) + light[grey[j, i + 1]] * fx) * (1 - fy) + (
+                    light[grey[j + 1, i]] * (1 - fx) + light[grey[j + 1, i + 1]] * fx
+                ) * fy
             for k in range(SAMPLES):
                 profile[k] += line[k]
             count += 1
-    if count > 0:
-        for k in range(SAMPLES):
-            profile[k] /= count
-    return count
+        stations[h, view] = count
+        if count > 0:
+            for k in range(SAMPLES):
+                profiles[h, view, k] = profile[k] / count
 
 
 @lru_cache(maxsize=2)
@@ -124,39 +131,64 @@ def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
     explains is a projection, one matrix for each place. The place is the vertex of the parabola through the
     best three.
     """
-    left = (profiles @ _unexplained(blur)).reshape(len(profiles), len(PLACES), SAMPLES)
-    square = np.einsum("npl,npl->np", left, left)
-    at = np.clip(np.argmin(square, axis=1), 1, len(PLACES) - 2)
-    row = np.arange(len(profiles))
-    before, here, after = square[row, at - 1], square[row, at], square[row, at + 1]
-    bend = np.maximum(before - 2 * here + after, 1e-12)
-    off = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-    contrast = np.maximum(profiles.max(axis=1) - profiles.min(axis=1), 1e-6)
-    rest = np.maximum(here - 0.25 * (before - after) * off, 0.0)
-    step = float(PLACES[1] - PLACES[0])
-    return PLACES[at] + step * off, np.asarray(np.sqrt(rest / SAMPLES) / contrast, np.float64)
+    return _fit(np.ascontiguousarray(profiles), _explained()[BLURS.index(blur)])
 
 
-@lru_cache(maxsize=len(BLURS))
-def _unexplained(blur: float) -> Floats:
-    """(`SAMPLES`, P `SAMPLES`) projections onto what a rod at each place cannot explain, side by side."""
+@compiled
+def _fit(profiles: Floats, explained: Floats) -> tuple[Floats, Floats]:
+    count, places = len(profiles), len(explained)
+    at, left = np.zeros(count), np.zeros(count)
+    square, line = np.zeros(places), np.zeros(SAMPLES)
+    step = PLACES[1] - PLACES[0]
+    for h in range(count):
+        # a constant is within what is explained: without it less is lost to rounding
+        line[:] = profiles[h] - profiles[h].mean()
+        whole = 0.0
+        for k in range(SAMPLES):
+            whole += line[k] * line[k]
+        best = 1
+        for place in range(places):
+            rest = whole
+            for n in range(explained.shape[1]):
+                total = 0.0
+                for k in range(SAMPLES):
+                    total += line[k] * explained[place, n, k]
+                rest -= total * total
+            square[place] = rest
+            if 0 < place < places - 1 and rest < square[best]:
+                best = place
+        if square[places - 1] < square[best]:
+            best = places - 2
+        if square[0] < square[best]:
+            best = 1
+        before, here, after = square[best - 1], square[best], square[best + 1]
+        bend = max(before - 2 * here + after, 1e-12)
+        off = min(max(0.5 * (before - after) / bend, -1.0), 1.0)
+        contrast = max(profiles[h].max() - profiles[h].min(), 1e-6)
+        at[h] = PLACES[best] + step * off
+        left[h] = np.sqrt(max(here - 0.25 * (before - after) * off, 0.0) / SAMPLES) / contrast
+    return at, left
+
+
+@lru_cache(maxsize=1)
+def _explained() -> Floats:
+    """(B, P, 5, `SAMPLES`) orthonormal bases of what a rod at each place explains, for each blur."""
     angle = ((np.arange(QUADRATURE) + 0.5) / QUADRATURE - 0.5) * np.pi
     sine, cosine = np.sin(angle), np.cos(angle)
     where = (np.arange(SAMPLES) - HALF_SAMPLES) / HALF_SAMPLES * REACH
-    projections = []
-    for place in PLACES:
-        x = where - place
-        # x = r sin(angle): equal steps of the angle crowd at the outlines, where the light changes most
-        spread = np.exp(-0.5 * ((x[:, None] - sine) / blur) ** 2) * cosine
-        spread *= np.pi / QUADRATURE / (blur * np.sqrt(2 * np.pi))
-        inside = spread.sum(axis=1)
-        low = np.where(x < 0, 1 - inside, 0.0)
-        basis = np.column_stack(
-            [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1), (spread * cosine).sum(axis=1)]
-        )
-        q, _ = np.linalg.qr(basis)
-        projections.append(np.eye(SAMPLES) - q @ q.T)
-    return np.ascontiguousarray(np.concatenate(projections, axis=1))
+    bases = np.empty((len(BLURS), len(PLACES), 5, SAMPLES))
+    for b, blur in enumerate(BLURS):
+        for p, place in enumerate(PLACES):
+            x = where - place
+            # x = r sin(angle): equal steps of the angle crowd at the outlines, where the light changes most
+            spread = np.exp(-0.5 * ((x[:, None] - sine) / blur) ** 2) * cosine
+            spread *= np.pi / QUADRATURE / (blur * np.sqrt(2 * np.pi))
+            inside = spread.sum(axis=1)
+            low = np.where(x < 0, 1 - inside, 0.0)
+            levels = [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1)]
+            basis, _ = np.linalg.qr(np.column_stack([*levels, (spread * cosine).sum(axis=1)]))
+            bases[b, p] = basis.T
+    return bases
 
 
 def best_optics(profiles: dict[float, Floats]) -> tuple[float, float]:
