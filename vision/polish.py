@@ -11,11 +11,12 @@ import numpy.typing as npt
 from vision import shading
 from vision.canvas import in_space
 from vision.edges import Edges, Ids, Reals
-from vision.explain import LENGTH_SIGMA_SHARE, UNSHADED_SIGMA_PX, Explanation, Frame
+from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame
 from vision.flank import Counts, nearest_edge
 from vision.jit import compiled
-from vision.refine import LENGTH, UNIT, refine
-from vision.traits import FLANK_REACH_PX, FLANK_SIGMA_PX, SAMPLE_PX, Traits, claimed_edges
+from vision.measure import measure
+from vision.refine import UNIT
+from vision.traits import FLANK_REACH_PX, FLANK_SIGMA_PX, SAMPLE_PX, Traits
 from vision.types import Bools, Floats, Grey, Ints
 
 SEEN = 0.3
@@ -24,13 +25,7 @@ CLEAR_SAMPLES = 3
 """Samples next to the ends that are not read: there the outline turns."""
 SHADED_SIGMA_PX = 0.03
 """What light still shifts the flanks of one view by after the profile has been read."""
-TILT_SHARE = 0.05
-ROUNDS, SPACING_PX = 5, 1.5
 MOST_PROFILES = 12
-MOST_MOVED_PX, LEAST_KEPT = 2.5, 0.6
-"""A part that moves further, or keeps less of what tells its place, has jumped to something else."""
-MOST_CLAIMS = 8192
-"""Edges of one part in one picture."""
 BEYOND_SHARES = (0.03, 0.28)
 """Where, in lengths beyond an end, a part is looked for that is longer than it should be."""
 
@@ -72,7 +67,7 @@ def polish(
     shift, loose, gamma, blur = _shift(flanks, own, parts, chosen, seen, greys, row_shift_px, frame)
     covariance, free, goes_on = np.zeros((count, 6, 6)), parts.copy(), np.zeros(count)
     ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
-    _measure(
+    measure(
         parts, chosen, ends_seen, seen.ends, seen.width,
         left.table, left.at, now.taken_l.copy(), right.table, right.at, now.taken_r.copy(),
         frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m, shift, loose,
@@ -92,62 +87,13 @@ def polish(
 
 
 @compiled
-def _measure(
-    parts: Floats, chosen: Ints, ends_seen: Bools, ends: Floats, width: Floats,
-    table_l: Reals, at_l: Ids, taken_l: Counts, table_r: Reals, at_r: Ids, taken_r: Counts,
-    camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, loose: Floats,
-    covariance: Floats, free: Floats,
-) -> None:  # fmt: skip
-    """Each part on the edges that no other claims, in place; ``free`` the same without the known length.
-
-    Where shading takes a part off its own edges, ``shift`` and ``loose`` are set back to none.
-    """
-    claimed = (np.empty(MOST_CLAIMS, np.int64), np.empty(MOST_CLAIMS, np.int64))
-    for place in range(len(parts)):
-        k, own = chosen[place], slice(place, place + 1)
-        many_l = claimed_edges(table_l, at_l, ends[k, 0], width[k, 0], width[k, 1], claimed[0])
-        many_r = claimed_edges(table_r, at_r, ends[k, 1], width[k, 0], width[k, 1], claimed[1])
-        for c in range(many_l):
-            taken_l[claimed[0][c]] -= np.uint16(1)
-        for c in range(many_r):
-            taken_r[claimed[1][c]] -= np.uint16(1)
-        one, plain = parts[own].copy(), parts[own].copy()
-        before = refine(
-            plain, table_l, at_l, taken_l, table_r, at_r, taken_r, camera, level, LENGTH_SIGMA_SHARE, unit,
-            TILT_SHARE, step_d, 2, SPACING_PX, np.zeros((1, 2, 2)), np.full((1, 2), UNSHADED_SIGMA_PX),
-        )  # fmt: skip
-        normals = refine(
-            one, table_l, at_l, taken_l, table_r, at_r, taken_r, camera, level, LENGTH_SIGMA_SHARE, unit,
-            TILT_SHARE, step_d, ROUNDS, SPACING_PX, shift[own], loose[own],
-        )  # fmt: skip
-        moved = np.abs(one[0, 1:7] - parts[place, 1:7]).max()
-        if moved > MOST_MOVED_PX or np.trace(normals[0]) < LEAST_KEPT * np.trace(before[0]):
-            # it lost its own edges on the way: the first measurement stands, without the shading
-            one, normals = plain, before
-            shift[own] = 0.0
-            loose[own] = UNSHADED_SIGMA_PX
-        covariance[place] = np.linalg.inv(normals[0] + 1e-6 * np.eye(6))
-        if ends_seen[place]:
-            free[place] = one[0]
-            free[place, LENGTH] = 0.0
-            refine(
-                free[own], table_l, at_l, taken_l, table_r, at_r, taken_r, camera, level, LENGTH_SIGMA_SHARE,
-                unit, TILT_SHARE, step_d, 3, SPACING_PX, shift[own], loose[own],
-            )  # fmt: skip
-        parts[place] = one[0]
-        for c in range(many_l):
-            taken_l[claimed[0][c]] += np.uint16(1)
-        for c in range(many_r):
-            taken_r[claimed[1][c]] += np.uint16(1)
-
-
-@compiled
 def _goes_on(
     hypotheses: Floats, chosen: Ints, unseen: Bools, table_l: Reals, at_l: Ids, table_r: Reals, at_r: Ids,
     goes_on: Floats,
 ) -> None:  # fmt: skip
     """(C,) the larger of both ends, 0 where the end itself is seen."""
     first, last = BEYOND_SHARES
+    nobody = np.zeros(max(len(table_l), len(table_r)) + 1, np.uint16)
     for place in range(len(chosen)):
         p = hypotheses[chosen[place]]
         for end in range(2):
@@ -167,15 +113,17 @@ def _goes_on(
                     share_on = first + (last - first) * (q + 0.5) / steps
                     x, y, d = xa + share_on * wx, ya + share_on * wy, da + share_on * wd
                     if _two_flanks(table_l if view == 0 else table_r, at_l if view == 0 else at_r,
-                                   x, y, -uy, ux, 0.5 * p[UNIT] * d):  # fmt: skip
+                                   nobody, x, y, -uy, ux, 0.5 * p[UNIT] * d):  # fmt: skip
                         both += 1
                 share = min(share, both / steps)
             goes_on[place] = max(goes_on[place], share)
 
 
 @compiled
-def _two_flanks(table: Reals, at: Ids, x: float, y: float, nx: float, ny: float, half: float) -> bool:
-    nobody = np.zeros(1, np.uint16)
+def _two_flanks(
+    table: Reals, at: Ids, nobody: Counts, x: float, y: float, nx: float, ny: float, half: float
+) -> bool:
+    """Whether both flanks of a part with its axis at (x, y) are seen there, whoever's they are."""
     for side in range(2):
         sign = -1.0 if side == 0 else 1.0
         e, off = nearest_edge(
@@ -344,24 +292,25 @@ def _shift(
     near, far = 0.5 * frame.unit * parts[:, 3], 0.5 * frame.unit * parts[:, 6]
     ends, steps = seen.ends[chosen], seen.count[chosen]
 
-    def read(which: Bools, gamma: float) -> tuple[Floats, Floats]:
-        light = shading.light_of_grey(gamma)
-        profiles, stations = np.zeros((count, 2, shading.SAMPLES)), np.zeros((count, 2))
+    light = shading.light_of_grey()
+    profiles, stations = np.zeros((len(shading.GAMMAS), count, 2, shading.SAMPLES)), np.zeros((count, 2))
+
+    def read(which: Bools, first: int, last: int) -> None:
         for view, grey in enumerate(greys):
             shading.mean_profiles(
-                light, grey, frame.on.to_raw[view], row_shift_px * view, view, which, ends, steps, near, far,
-                own, profiles, stations,
+                np.ascontiguousarray(light[:, first:last]), grey, frame.on.to_raw[view], row_shift_px * view,
+                view, which, ends, steps, near, far, own, profiles[first:last], stations,
             )  # fmt: skip
-        return profiles, stations
 
     best = np.zeros(2 * count, np.bool_)
     best[np.argsort(-flanks.stations.reshape(-1), kind="stable")[:MOST_PROFILES]] = True
     best = best.reshape(count, 2) & good
-    gamma, blur = shading.best_optics({of: read(best, of)[0][best] for of in shading.GAMMAS})
-    profiles, stations = read(good, gamma)
+    read(best, 0, len(shading.GAMMAS))
+    kind, blur = shading.best_optics(profiles[:, best])
+    read(good & ~best, kind, kind + 1)
     good &= stations >= shading.LEAST_STATIONS
     radius = 0.5 * (near + far)
-    place, left = shading.fit_rods(profiles.reshape(-1, shading.SAMPLES), blur)
+    place, left = shading.fit_rods(profiles[kind].reshape(-1, shading.SAMPLES), blur)
     place, left = place.reshape(-1, 2) * radius[:, None], left.reshape(-1, 2)
     sound = good & (left < shading.WORST_SHARE)
     shift = shading.pooled(
@@ -374,4 +323,4 @@ def _shift(
     )
     limit = shading.LARGEST_RADII * radius[:, None, None]
     loose = np.where(sound, np.hypot(SHADED_SIGMA_PX, left * radius[:, None]), unsure)
-    return np.clip(shift, -limit, limit), loose, gamma, blur
+    return np.clip(shift, -limit, limit), loose, shading.GAMMAS[kind], blur

@@ -40,6 +40,7 @@ LARGEST_RADII = 0.25
 OWN_STATIONS = 20.0
 """Stations at which a part's own reading counts as much as that of all parts together."""
 POOLED_SPREAD_PX = 0.08
+POOLING_ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,12 +63,12 @@ def mean_profiles(
     ends: Floats, steps: npt.NDArray[np.int32], near: Floats, far: Floats, own: Bools,
     profiles: Floats, stations: Floats,
 ) -> None:  # fmt: skip
-    """Mean light across parts at their own stations in one view, into ``profiles`` (N, 2, `SAMPLES`).
+    """Mean light across parts at their own stations in one view, into ``profiles`` (G, N, 2, `SAMPLES`).
 
     Parameters
     ----------
-    light : (256,)
-        What a grey value means.
+    light : (256, G)
+        What a grey value means, for G gammas.
     which : (N, 2)
         The profiles that are wanted.
     ends : (N, 2, 4)
@@ -80,7 +81,8 @@ def mean_profiles(
         Is told how many lie inside the picture.
     """
     rows, columns = grey.shape
-    line, profile = np.empty(SAMPLES), np.empty(SAMPLES)
+    gammas = light.shape[1]
+    profile = np.empty((SAMPLES, gammas))
     for h in range(len(which)):
         if not which[h, view]:
             continue
@@ -106,22 +108,26 @@ def mean_profiles(
                 px, py = ax + (k - HALF_SAMPLES) * ux, ay + (k - HALF_SAMPLES) * uy
                 i, j = int(px), int(py)
                 fx, fy = px - i, py - j
-                line[k] = (light[grey[j, i]] * (1 - fx) + light[grey[j, i + 1]] * fx) * (1 - fy) + (
-                    light[grey[j + 1, i]] * (1 - fx) + light[grey[j + 1, i + 1]] * fx
-                ) * fy
-            for k in range(SAMPLES):
-                profile[k] += line[k]
+                a, b, c, e = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+                here, beside = grey[j, i], grey[j, i + 1]
+                below, across = grey[j + 1, i], grey[j + 1, i + 1]
+                for g in range(gammas):
+                    profile[k, g] += (
+                        a * light[here, g] + b * light[beside, g] + c * light[below, g] + e * light[across, g]
+                    )
             count += 1
         stations[h, view] = count
         if count > 0:
             for k in range(SAMPLES):
-                profiles[h, view, k] = profile[k] / count
+                for g in range(gammas):
+                    profiles[g, h, view, k] = profile[k, g] / count
 
 
-@lru_cache(maxsize=2)
-def light_of_grey(gamma: float) -> Floats:
-    """(256,) light, 0..1, that a grey value stands for."""
-    return np.asarray((np.arange(256) / 255.0) ** gamma, np.float64)
+@lru_cache(maxsize=1)
+def light_of_grey() -> Floats:
+    """(256, G) light, 0..1, that a grey value stands for, for each of `GAMMAS`."""
+    grey = np.arange(256) / 255.0
+    return np.ascontiguousarray(np.stack([grey**gamma for gamma in GAMMAS], axis=1))
 
 
 def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
@@ -136,9 +142,9 @@ def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
 
 @compiled
 def _fit(profiles: Floats, explained: Floats) -> tuple[Floats, Floats]:
-    count, places = len(profiles), len(explained)
+    count, places = len(profiles), explained.shape[2]
     at, left = np.zeros(count), np.zeros(count)
-    square, line = np.zeros(places), np.zeros(SAMPLES)
+    square, total, line = np.zeros(places), np.zeros(places), np.zeros(SAMPLES)
     step = PLACES[1] - PLACES[0]
     for h in range(count):
         # a constant is within what is explained: without it less is lost to rounding
@@ -146,16 +152,17 @@ def _fit(profiles: Floats, explained: Floats) -> tuple[Floats, Floats]:
         whole = 0.0
         for k in range(SAMPLES):
             whole += line[k] * line[k]
+        square[:] = whole
+        for n in range(len(explained)):
+            total[:] = 0.0
+            for k in range(SAMPLES):
+                for place in range(places):
+                    total[place] += line[k] * explained[n, k, place]
+            for place in range(places):
+                square[place] -= total[place] * total[place]
         best = 1
-        for place in range(places):
-            rest = whole
-            for n in range(explained.shape[1]):
-                total = 0.0
-                for k in range(SAMPLES):
-                    total += line[k] * explained[place, n, k]
-                rest -= total * total
-            square[place] = rest
-            if 0 < place < places - 1 and rest < square[best]:
+        for place in range(1, places - 1):
+            if square[place] < square[best]:
                 best = place
         if square[places - 1] < square[best]:
             best = places - 2
@@ -172,11 +179,11 @@ def _fit(profiles: Floats, explained: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _explained() -> Floats:
-    """(B, P, 5, `SAMPLES`) orthonormal bases of what a rod at each place explains, for each blur."""
+    """(B, 5, `SAMPLES`, P) orthonormal bases of what a rod at each place explains, for each blur."""
     angle = ((np.arange(QUADRATURE) + 0.5) / QUADRATURE - 0.5) * np.pi
     sine, cosine = np.sin(angle), np.cos(angle)
     where = (np.arange(SAMPLES) - HALF_SAMPLES) / HALF_SAMPLES * REACH
-    bases = np.empty((len(BLURS), len(PLACES), 5, SAMPLES))
+    bases = np.empty((len(BLURS), 5, SAMPLES, len(PLACES)))
     for b, blur in enumerate(BLURS):
         for p, place in enumerate(PLACES):
             x = where - place
@@ -187,19 +194,20 @@ def _explained() -> Floats:
             low = np.where(x < 0, 1 - inside, 0.0)
             levels = [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1)]
             basis, _ = np.linalg.qr(np.column_stack([*levels, (spread * cosine).sum(axis=1)]))
-            bases[b, p] = basis.T
+            bases[b, :, :, p] = basis.T
     return bases
 
 
-def best_optics(profiles: dict[float, Floats]) -> tuple[float, float]:
-    """Gamma and blur that explain the profiles best; ``profiles`` holds the same ones for each gamma."""
-    best, least = (GAMMAS[0], BLURS[0]), np.inf
-    for gamma, of in profiles.items():
+def best_optics(profiles: Floats) -> tuple[int, float]:
+    """Which gamma and which blur explain the profiles best; ``profiles`` (G, K, `SAMPLES`) holds the same
+    ones for each gamma."""
+    best, least = (0, BLURS[0]), np.inf
+    for place, of in enumerate(profiles):
         for blur in BLURS:
             _, left = fit_rods(of, blur)
             typical = float(np.median(left))
             if typical < least:
-                best, least = (gamma, blur), typical
+                best, least = (place, blur), typical
     return best
 
 
@@ -209,23 +217,42 @@ def pooled(found: Flanks) -> Floats:
     For each view the inward shift of a flank is ``k0 + k1 nx + k2 ny`` of the way it looks, fitted over all
     flanks with Huber's weights; a part's own reading counts beside it by its stations.
     """
-    count = len(found.stations)
-    shift = np.zeros((count, 2, 2))
-    for view in range(2):
-        outward = np.concatenate([-found.normal[:, view], found.normal[:, view]])
-        inward = np.concatenate([found.low_px[:, view], -found.high_px[:, view]])
-        weight = np.concatenate([found.stations[:, view], found.stations[:, view]])
-        if not (weight > 0).any():
-            continue
-        basis = np.column_stack([np.ones(len(outward)), outward])
-        robust = weight.copy()
-        model = np.zeros(3)
-        for _ in range(4):
-            weighted = (basis * robust[:, None]).T
-            model = np.linalg.solve(weighted @ basis + np.diag([1.0, 20.0, 20.0]), weighted @ inward)
-            miss = np.abs(inward - basis @ model)
-            robust = weight * np.minimum(1.0, POOLED_SPREAD_PX / np.maximum(miss, 1e-9))
-        own = weight / (weight + OWN_STATIONS)
-        mixed = own * inward + (1 - own) * (basis @ model)
-        shift[:, view, 0], shift[:, view, 1] = mixed[:count], -mixed[count:]
+    shift = np.zeros((len(found.stations), 2, 2))
+    _pool(found.low_px, found.high_px, found.stations, found.normal, shift)
     return shift
+
+
+@compiled
+def _pool(low_px: Floats, high_px: Floats, stations: Floats, normal: Floats, shift: Floats) -> None:
+    count = len(stations)
+    model, right, matrix, basis = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    for view in range(2):
+        if stations[:, view].max() <= 0:
+            continue
+        model[:] = 0.0
+        for turn in range(POOLING_ROUNDS):
+            matrix[:] = 0.0
+            matrix[0, 0], matrix[1, 1], matrix[2, 2] = 1.0, 20.0, 20.0
+            right[:] = 0.0
+            for h in range(count):
+                weight = stations[h, view]
+                if weight <= 0:
+                    continue
+                for side in range(2):
+                    sign = -1.0 if side == 0 else 1.0
+                    inward = low_px[h, view] if side == 0 else -high_px[h, view]
+                    basis[0], basis[1], basis[2] = 1.0, sign * normal[h, view, 0], sign * normal[h, view, 1]
+                    robust = weight
+                    if turn > 0:
+                        miss = abs(inward - (basis * model).sum())
+                        robust *= min(1.0, POOLED_SPREAD_PX / max(miss, 1e-9))
+                    for i in range(3):
+                        right[i] += robust * basis[i] * inward
+                        for j in range(3):
+                            matrix[i, j] += robust * basis[i] * basis[j]
+            model[:] = np.linalg.solve(matrix, right)
+        for h in range(count):
+            own = stations[h, view] / (stations[h, view] + OWN_STATIONS)
+            turned = model[1] * normal[h, view, 0] + model[2] * normal[h, view, 1]
+            shift[h, view, 0] = own * low_px[h, view] + (1 - own) * (model[0] - turned)
+            shift[h, view, 1] = own * high_px[h, view] - (1 - own) * (model[0] + turned)
