@@ -26,11 +26,13 @@ from vision.refine import (
     WIDEST,
     cap_px,
 )
-from vision.traits import LANES, claimed_edges
+from vision.traits import LANES, SAMPLE_PX, claimed_edges
 from vision.types import Bools, Floats, Ints
 
 TILT_SHARE = 0.05
-SPACING_PX = 1.5
+KEPT_PX, STILL_PX = 0.4, 0.7
+"""An edge so near to its flank is not exchanged for a nearer one; a part that moved less has not come into
+the reach of others, because the reach shrinks by more."""
 REACH_PX = (2.4, 1.6, 1.6, 1.1, 0.8)
 """How far from its flanks a part's edges may be, step by step."""
 GATHERED = (2, 4)
@@ -45,7 +47,7 @@ FREE_ROUNDS, FREE_REACH_PX = 3, 1.6
 
 @compiled
 def measure(
-    parts: Floats, chosen: Ints, ends_seen: Bools, ends: Floats, width: Floats,
+    parts: Floats, chosen: Ints, ends_seen: Bools, ends: Floats, width: Floats, edge: Ids,
     table_l: Reals, at_l: Ids, taken_l: Counts, table_r: Reals, at_r: Ids, taken_r: Counts,
     camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, loose: Floats,
     covariance: Floats, free: Floats,
@@ -55,8 +57,7 @@ def measure(
     Parameters
     ----------
     chosen, ends_seen : (C,)
-        Their rows in ``ends`` (N, 2, 4) and ``width`` (N, 2), see `Traits`; whether both pictures show both
-        ends.
+        Their rows in ``ends``, ``width`` and ``edge``, see `Traits`; whether both pictures show both ends.
     taken_l, taken_r
         How many chosen parts claim an edge; changed and changed back.
     camera, level, unit, step_d
@@ -72,11 +73,11 @@ def measure(
         The same parts measured without the known length, where their ends are seen; filled.
     """
     mine_l, mine_r = np.empty(MOST_CLAIMS, np.int64), np.empty(MOST_CLAIMS, np.int64)
-    longest = int(np.hypot(at_l.shape[0], at_l.shape[1]) / SPACING_PX) + 1
+    longest = int(np.hypot(at_l.shape[0], at_l.shape[1]) / SAMPLE_PX) + 1
     spots, tips = np.empty((2, longest, 2, 2)), np.empty((2, 2, LANES, 2))
     steps = np.zeros(2, np.int64)
     none, unsure = np.zeros((2, 2)), np.full(2, UNSHADED_SIGMA_PX)
-    matrix, before = np.zeros((6, 6)), 0.0
+    matrix, at_spots = np.zeros((6, 6)), np.zeros(6)
     for place in range(len(parts)):
         k = chosen[place]
         many_l = claimed_edges(table_l, at_l, ends[k, 0], width[k, 0], width[k, 1], mine_l)
@@ -86,17 +87,20 @@ def measure(
         for c in range(many_r):
             taken_r[mine_r[c]] -= np.uint16(1)
         plain, one = parts[place].copy(), parts[place].copy()
-        _gather(plain, 0, table_l, at_l, taken_l, REACH_PX[0], FIRST_TIP_PX, spots, tips, steps)
-        _gather(plain, 1, table_r, at_r, taken_r, REACH_PX[0], FIRST_TIP_PX, spots, tips, steps)
+        _recall(plain, 0, edge[k, 0], table_l, at_l, taken_l, spots, tips, steps)
+        _recall(plain, 1, edge[k, 1], table_r, at_r, taken_r, spots, tips, steps)
         for turn in range(2):
             _step(plain, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, none, unsure,
                   matrix)  # fmt: skip
         before = np.trace(matrix)
         covariance[place] = matrix
+        at_spots[:] = one[1:7]
         for turn in range(len(REACH_PX)):
             if turn in GATHERED:
-                _gather(one, 0, table_l, at_l, taken_l, REACH_PX[turn], TIP_PX, spots, tips, steps)
-                _gather(one, 1, table_r, at_r, taken_r, REACH_PX[turn], TIP_PX, spots, tips, steps)
+                far = np.abs(one[1:7] - at_spots).max() > STILL_PX
+                _look_again(one, 0, far, REACH_PX[turn], table_l, at_l, taken_l, spots, tips, steps)
+                _look_again(one, 1, far, REACH_PX[turn], table_r, at_r, taken_r, spots, tips, steps)
+                at_spots[:] = one[1:7]
             _step(one, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, shift[place],
                   loose[place], matrix)  # fmt: skip
         moved = np.abs(one[1:7] - parts[place, 1:7]).max()
@@ -124,43 +128,95 @@ def measure(
 
 
 @compiled
-def _gather(
-    part: Floats, view: int, table: Reals, at: Ids, taken: Counts, reach: float, tip_reach: float,
+def _recall(
+    part: Floats, view: int, edge: Ids, table: Reals, at: Ids, taken: Counts,
     spots: Floats, tips: Floats, steps: Ints,
 ) -> None:  # fmt: skip
-    """The nearest free edge of either flank at stations along a part, and of the lanes of its ends, in one
-    view; NaN where there is none."""
-    p = part[1:7]
-    xa, ya, xb, yb = p[0] - view * p[2], p[1], p[3] - view * p[5], p[4]
-    size = np.hypot(xb - xa, yb - ya)
-    ux, uy = (xb - xa) / size, (yb - ya) / size
-    nx, ny = -uy, ux
-    count = min(int(size / SPACING_PX), spots.shape[1])
+    """The nearest free edge of either flank at stations along a part in one view, NaN where there is none:
+    the one that was found when the part was looked at, ``edge`` (S, 2), or else the nearest of those left."""
+    xa, ya, ux, uy, size = _axis(part, view)
+    count = min(int(size / SAMPLE_PX), spots.shape[1])
     steps[view] = count
     for q in range(count):
-        share = (q + 0.5) / count
-        x, y = xa + share * (xb - xa), ya + share * (yb - ya)
-        half = 0.5 * part[UNIT] * (p[2] + share * (p[5] - p[2]))
         spots[view, q] = np.nan
+        x, y, half = _station(part, view, (q + 0.5) / count)
         # within a width of the ends the edge turns round the corner
-        if share * size < half or (1 - share) * size < half:
+        along = (q + 0.5) / count * size
+        if along < half or size - along < half:
+            continue
+        for side in range(2):
+            e = edge[q, side]
+            if e < 0 or taken[e] > 0:
+                sign = -1.0 if side == 0 else 1.0
+                e, _ = nearest_edge(
+                    table, at, taken, x - sign * uy * half, y + sign * ux * half, sign * uy, -sign * ux,
+                    REACH_PX[0],
+                )  # fmt: skip
+            if e >= 0:
+                spots[view, q, side, 0], spots[view, q, side, 1] = table[e, 0], table[e, 1]
+    _look_at_ends(part, view, FIRST_TIP_PX, table, at, taken, tips)
+
+
+@compiled
+def _look_again(
+    part: Floats, view: int, far: bool, reach: float, table: Reals, at: Ids, taken: Counts,
+    spots: Floats, tips: Floats, steps: Ints,
+) -> None:  # fmt: skip
+    """The same after a part has moved. An edge near the flank stays its own; where there was none within a
+    larger reach there is none now, unless the part has moved ``far``."""
+    _, _, ux, uy, size = _axis(part, view)
+    for q in range(steps[view]):
+        along = (q + 0.5) / steps[view] * size
+        x, y, half = _station(part, view, (q + 0.5) / steps[view])
+        if along < half or size - along < half:
+            spots[view, q] = np.nan
             continue
         for side in range(2):
             sign = -1.0 if side == 0 else 1.0
-            e, _ = nearest_edge(
-                table, at, taken, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny, reach
-            )
+            fx, fy = x - sign * uy * half, y + sign * ux * half
+            off = (spots[view, q, side, 1] - fy) * ux - (spots[view, q, side, 0] - fx) * uy
+            if abs(off) < KEPT_PX or (np.isnan(off) and not far):
+                continue
+            e, _ = nearest_edge(table, at, taken, fx, fy, sign * uy, -sign * ux, reach)
+            spots[view, q, side] = np.nan
             if e >= 0:
                 spots[view, q, side, 0], spots[view, q, side, 1] = table[e, 0], table[e, 1]
+    _look_at_ends(part, view, TIP_PX, table, at, taken, tips)
+
+
+@compiled
+def _look_at_ends(
+    part: Floats, view: int, reach: float, table: Reals, at: Ids, taken: Counts, tips: Floats
+) -> None:
+    """The nearest free edge in each lane of both ends in one view, NaN where there is none."""
+    xa, ya, ux, uy, size = _axis(part, view)
     for end in range(2):
         ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
-        x, y = (xa, ya) if end == 0 else (xb, yb)
+        x, y = (xa, ya) if end == 0 else (xa + size * ux, ya + size * uy)
         for lane in range(LANES):
-            aside = (lane - 2) * 0.17 * part[UNIT] * p[3 * end + 2]
-            e, _ = nearest_edge(table, at, taken, x - oy * aside, y + ox * aside, -ox, -oy, tip_reach)
+            aside = (lane - 2) * 0.17 * part[UNIT] * part[3 + 3 * end]
+            e, _ = nearest_edge(table, at, taken, x - oy * aside, y + ox * aside, -ox, -oy, reach)
             tips[view, end, lane] = np.nan
             if e >= 0:
                 tips[view, end, lane, 0], tips[view, end, lane, 1] = table[e, 0], table[e, 1]
+
+
+@compiled
+def _axis(part: Floats, view: int) -> tuple[float, float, float, float, float]:
+    """Start, unit direction and length of a part in one view, px."""
+    xa, ya = part[1] - view * part[3], part[2]
+    dx, dy = part[4] - view * part[6] - xa, part[5] - ya
+    size = np.hypot(dx, dy)
+    return xa, ya, dx / size, dy / size, size
+
+
+@compiled
+def _station(part: Floats, view: int, share: float) -> tuple[float, float, float]:
+    """Place on the axis of a part in one view and half its width there, px."""
+    x = part[1] + share * (part[4] - part[1])
+    y = part[2] + share * (part[5] - part[2])
+    d = part[3] + share * (part[6] - part[3])
+    return x - view * d, y, 0.5 * part[UNIT] * d
 
 
 @compiled
@@ -215,7 +271,7 @@ def _step(
             whole_b += weight * share
             missed += weight * miss
         # what light and calibration shift a whole view by is an unknown too, eliminated (Schur)
-        scale = SPACING_PX / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
+        scale = SAMPLE_PX / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
         common = scale / (scale * whole + 1 / (loose[view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2))
         aa -= common * whole_a * whole_a
         ab -= common * whole_a * whole_b
@@ -237,7 +293,7 @@ def _step(
                  matrix, right)  # fmt: skip
     _beliefs(p, part[LENGTH], camera, level, step_d, matrix, right)
     _move(p, matrix, right)
-    if spread_of * SPACING_PX > 20:
+    if spread_of * SAMPLE_PX > 20:
         part[UNIT] = min(max(wide * (0.5 + 0.5 * spread / spread_of), NARROWEST * unit), WIDEST * unit)
 
 

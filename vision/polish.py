@@ -68,7 +68,7 @@ def polish(
     covariance, free, goes_on = np.zeros((count, 6, 6)), parts.copy(), np.zeros(count)
     ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
     measure(
-        parts, chosen, ends_seen, seen.ends, seen.width,
+        parts, chosen, ends_seen, seen.ends, seen.width, seen.edge,
         left.table, left.at, now.taken_l.copy(), right.table, right.at, now.taken_r.copy(),
         frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m, shift, loose,
         covariance, free,

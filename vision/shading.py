@@ -201,14 +201,20 @@ def _explained() -> Floats:
 def best_optics(profiles: Floats) -> tuple[int, float]:
     """Which gamma and which blur explain the profiles best; ``profiles`` (G, K, `SAMPLES`) holds the same
     ones for each gamma."""
-    best, least = (0, BLURS[0]), np.inf
-    for place, of in enumerate(profiles):
-        for blur in BLURS:
-            _, left = fit_rods(of, blur)
-            typical = float(np.median(left))
+    kind, at = _best(np.ascontiguousarray(profiles), _explained())
+    return kind, BLURS[at]
+
+
+@compiled
+def _best(profiles: Floats, explained: Floats) -> tuple[int, int]:
+    kind, at, least = 0, 0, np.inf
+    for place in range(len(profiles)):
+        for blur in range(len(explained)):
+            _, left = _fit(profiles[place], explained[blur])
+            typical = np.median(left)
             if typical < least:
-                best, least = (place, blur), typical
-    return best
+                kind, at, least = place, blur, typical
+    return kind, at
 
 
 def pooled(found: Flanks) -> Floats:
