@@ -93,14 +93,14 @@ def explain(
     hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
     settle(hypotheses, left, right, free, frame, TILT_SHARE, 3, 6.0)
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
-    hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
+    hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
     seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
-    kept = np.flatnonzero(choice.promising(_state(hypotheses, seen, left, right, frame, False)))
+    kept = np.flatnonzero(choice.promising(state_of(hypotheses, seen, left, right, frame, False)))
     hypotheses, seen = np.ascontiguousarray(hypotheses[kept]), some(seen, kept)
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
-        now = _state(hypotheses, seen, left, right, frame, True)
+        now = state_of(hypotheses, seen, left, right, frame, True)
         chosen[:] = False
         choice.greedy(now, chosen)
         if turn == 0 and early is not None:
@@ -152,7 +152,7 @@ def settle(
     )  # fmt: skip
 
 
-def _sound(hypotheses: Floats, frame: Frame) -> Bools:
+def sound(hypotheses: Floats, frame: Frame) -> Bools:
     """(N,) of the right length, and not in the table or in the air."""
     ends = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -167,7 +167,7 @@ def _sound(hypotheses: Floats, frame: Frame) -> Bools:
     return np.asarray(good, np.bool_)
 
 
-def _state(
+def state_of(
     hypotheses: Floats, seen: Traits, left: Edges, right: Edges, frame: Frame, related: bool
 ) -> claims.State:
     part = frame.part
@@ -208,7 +208,7 @@ def _on_own_edges(
     if not added:
         return np.zeros((0, COLUMNS))
     found = np.concatenate(added)
-    return np.asarray(found[_sound(found, frame)], np.float64)
+    return np.asarray(found[sound(found, frame)], np.float64)
 
 
 def _margin(now: claims.State, k: int, nobody: Bools) -> float:

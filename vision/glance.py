@@ -1,0 +1,118 @@
+"""What is certain at first sight: parts seen whole in both pictures, before anything else is explained.
+
+A part whose flanks both pictures show from end to end has nothing on it. What can still be wrong is the pair:
+the left picture of one part with the right picture of its neighbour. So only a hypothesis counts that no
+other one of like evidence shares its place with, in either picture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from vision import claims
+from vision.edges import Edges, Reals
+from vision.explain import LONGEST_LENGTHS, TILT_SHARE, Explanation, Frame, settle, sound, state_of
+from vision.jit import compiled
+from vision.refine import KIND, SCORE
+from vision.traits import traits
+from vision.types import Bools, Floats, Ints
+
+MOST = 12
+"""Hypotheses that are looked at."""
+RIVAL_SHARE = 0.6
+"""Evidence of another hypothesis in the same place of one picture, above which neither is certain."""
+WHOLE_LENGTHS, WHOLE_TIP, WHOLE_BOTH = 0.85, 0.3, 0.9
+"""Evidence in lengths and view, least strength of every end, least share with both flanks in either picture."""
+
+
+def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation | None:
+    """Parts out of a pool of hypotheses (N, `COLUMNS`), best first, that no later choice will take away;
+    None where there are none."""
+    rows = _lone(pool, frame.width_px, frame.length_px)
+    if not len(rows):
+        return None
+    hypotheses = np.ascontiguousarray(pool[rows])
+    free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 3.0)
+    hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
+    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    now = state_of(hypotheses, seen, left, right, frame, True)
+    gain = np.array([claims.gain_of(k, now) for k in range(len(hypotheses))])
+    whole = _whole(seen.count, seen.value, seen.ground, seen.tip_value)
+    whole &= gain > WHOLE_LENGTHS * 2 * frame.length_px
+    nobody = np.zeros(len(hypotheses), np.bool_)
+    chosen: list[int] = []
+    for k in np.argsort(-gain, kind="stable").tolist():
+        if whole[k] and claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
+            claims.take(now, k, nobody)
+            chosen.append(k)
+    if not chosen:
+        return None
+    return Explanation(
+        hypotheses=hypotheses, chosen=chosen, margin=gain[np.array(chosen)], state=now, seen=seen
+    )
+
+
+@compiled
+def _lone(pool: Floats, width_px: float, length_px: float) -> Ints:
+    """Rows of the best hypotheses of products without a rival in either picture."""
+    kept = np.empty(MOST, np.int64)
+    count = 0
+    for row in range(min(len(pool), 8 * MOST)):
+        if pool[row, KIND] < 0 or count == MOST:
+            continue
+        alone = True
+        for k in range(len(pool)):
+            if k == row or pool[k, SCORE] < RIVAL_SHARE * pool[row, SCORE]:
+                continue
+            first = _in_place_of(pool, row, k, 0, width_px, length_px)
+            second = _in_place_of(pool, row, k, 1, width_px, length_px)
+            # in both it is the same part, and the better one goes first
+            if first != second or (first and k < row):
+                alone = False
+                break
+        if alone:
+            kept[count] = row
+            count += 1
+    return kept[:count]
+
+
+@compiled
+def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, length_px: float) -> bool:
+    """Whether one picture shows k on the line of row, and on most of its stretch."""
+    xa, ya = pool[row, 1] - view * pool[row, 3], pool[row, 2]
+    dx, dy = pool[row, 4] - view * pool[row, 6] - xa, pool[row, 5] - ya
+    size = np.hypot(dx, dy)
+    ux, uy = dx / size, dy / size
+    low, high = 1e9, -1e9
+    for end in range(2):
+        px = pool[k, 1 + 3 * end] - view * pool[k, 3 + 3 * end] - xa
+        py = pool[k, 2 + 3 * end] - ya
+        if abs(-px * uy + py * ux) > 0.7 * width_px:
+            return False
+        along = px * ux + py * uy
+        low, high = min(low, along), max(high, along)
+    return min(high, size) - max(low, 0.0) > 0.4 * length_px
+
+
+@compiled
+def _whole(
+    count: npt.NDArray[np.int32], value: Reals, ground: npt.NDArray[np.uint8], tip_value: Reals
+) -> Bools:
+    """(N,) every end seen in one picture at least, both flanks nearly everywhere in both, all in the picture."""
+    good = np.ones(len(count), np.bool_)
+    for k in range(len(count)):
+        for end in range(2):
+            if max(tip_value[k, 0, end].mean(), tip_value[k, 1, end].mean()) < WHOLE_TIP:
+                good[k] = False
+        for view in range(2):
+            both = 0
+            for q in range(count[k, view]):
+                if ground[k, view, q] == 2:
+                    good[k] = False
+                if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
+                    both += 1
+            if both < WHOLE_BOTH * count[k, view]:
+                good[k] = False
+    return good
