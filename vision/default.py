@@ -14,11 +14,12 @@ import numpy as np
 
 from vision import binarize, graph, thin
 from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
+from vision.colour import Colour
 from vision.crossings import crossed, some_crossed
 from vision.edges import Edges, edges
 from vision.explain import Explanation, Frame, explain
 from vision.foreground import Foreground, stands_out
-from vision.offer import Colour, Offered, candidates, is_plain, unexplained
+from vision.offer import Offered, candidates, is_plain, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import assert_never
 
+from vision.colour import Colour
 from vision.default import locate_default
-from vision.offer import Colour
 from vision.published import Observer, locate_published
 from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
 

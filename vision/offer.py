@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from vision.canvas import in_space, points_through_grid
+from vision.canvas import in_space
+from vision.colour import Colour, colour_of, refusals
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
 from vision.polish import BEYOND_SHARES, Measured, sigmas
@@ -15,7 +15,6 @@ from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
 from vision.types import (
     Candidate,
-    ColourRange,
     Crossing,
     Floats,
     PartModel,
@@ -42,13 +41,7 @@ VAGUE_DIAMETERS = 1.0
 PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
 """Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
 certain at first sight."""
-COLOUR_SAMPLES = 40
-COLOUR_INNER = 0.5
-"""Colour is read within this share of the half width; further out light and neighbours mix in."""
 MOST_ROW_OFFSET_PX = 3.0
-
-Colour = npt.NDArray[np.uint8]
-"""(H, W, 3) uint8 BGR."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,7 +128,8 @@ def _candidate(
     reasons = _shape_reasons(row, k, length, measured, found, frame)
     reasons += _place_reasons(ends, part, tuning, table)
     if part.colour is not None and colour is not None:
-        reasons += colour_reasons(measured.parts[row], found, k, part.colour, colour, frame)
+        seen = colour_of(measured.parts[row], found, k, colour, frame)
+        reasons += [] if seen is None else refusals(seen, part.colour)
     crossing = _most_in_middle(row, over)
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
@@ -231,57 +225,6 @@ def _most_in_middle(row: int, over: Crossed) -> int:
     place = over.place[row]
     inside = (place > MIDDLE[0]) & (place < MIDDLE[1])
     return int((inside & (over.above[:, row] > 0)).sum())
-
-
-def colour_reasons(
-    part: Floats, found: Explanation, k: int, wanted: ColourRange, colour: Colour, frame: Frame
-) -> list[Refused]:
-    """Another colour, by the median over the samples of the left picture where both flanks are seen."""
-    steps = int(found.state.samples[k, 0])
-    own = np.flatnonzero((found.state.value[k, 0, :steps] > 0).all(axis=1))
-    if len(own) == 0:
-        own = np.arange(steps)
-    share = (own[:: max(1, len(own) // COLOUR_SAMPLES)] + 0.5) / steps
-    a, b = part[1:3], part[4:6]
-    way = (b - a) / np.linalg.norm(b - a)
-    normal = np.array([-way[1], way[0]])
-    half = COLOUR_INNER * 0.5 * frame.unit * (part[3] + share * (part[6] - part[3]))
-    lanes = [
-        a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)
-    ]
-    at = np.rint(points_through_grid(frame.on.to_raw[0], np.concatenate(lanes))).astype(np.int64)
-    rows, columns = colour.shape[:2]
-    at = at[(at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)]
-    if len(at) == 0:
-        return []
-    seen = np.median(colour[at[:, 1], at[:, 0]].astype(np.float64), axis=0) / 255.0
-    hue, saturation, value = hue_saturation_value(seen)
-    low, high = wanted.hue_deg
-    between = low <= hue <= high if low <= high else hue >= low or hue <= high
-    if not between:
-        limit = low if abs((hue - low + 180) % 360 - 180) < abs((hue - high + 180) % 360 - 180) else high
-        return [Refused(reason=Refusal.COLOUR, value=np.radians(hue), limit=np.radians(limit), unit="rad")]
-    for number, (least, most) in ((saturation, wanted.saturation), (value, wanted.value)):
-        if not least <= number <= most:
-            limit = least if number < least else most
-            return [Refused(reason=Refusal.COLOUR, value=number, limit=limit, unit="1")]
-    return []
-
-
-def hue_saturation_value(bgr: Floats) -> tuple[float, float, float]:
-    """Hue in degrees, saturation and value 0..1, of blue, green, red 0..1 (Smith 1978)."""
-    blue, green, red = (float(v) for v in bgr)
-    most, least = max(blue, green, red), min(blue, green, red)
-    spread = most - least
-    if spread <= 0:
-        return 0.0, 0.0, most
-    if most == red:
-        sector = ((green - blue) / spread) % 6
-    elif most == green:
-        sector = (blue - red) / spread + 2
-    else:
-        sector = (red - green) / spread + 4
-    return 60.0 * sector, spread / most, most
 
 
 def _crossings(
