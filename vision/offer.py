@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vision.canvas import in_space
-from vision.colour import Colour, colour_of, refusals
+from vision.colour import Colour, among_colours, colour_of
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.explain import Explanation, Frame
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
+from vision.sizes import Size, size_of
 from vision.types import (
     Candidate,
     Crossing,
@@ -62,16 +63,23 @@ def candidates(
     table: Plane | None,
     colour: Colour | None,
     row_offset_px: float,
+    sizes: tuple[Size, ...] = (),
 ) -> Offered:
-    """Every part near the product's length: offered ones first, those with nothing on them before others."""
+    """Every part near a product's length: offered ones first, those with nothing on them before others.
+
+    ``sizes`` the products of the look, by the kind of their hypotheses; without them the one of the frame.
+    """
+    sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
     made: list[tuple[int, Candidate]] = []
     for row in range(len(measured.parts)):
         ends = in_space(measured.parts[row, 1:7].reshape(2, 3), frame.on)
         length = float(np.linalg.norm(ends[1] - ends[0]))
-        if not frame.part.length_m / NEAR_LENGTHS < length < frame.part.length_m * NEAR_LENGTHS:
+        of = size_of(measured.parts[row, KIND], length, sizes)
+        known_m = of.frame.part.length_m
+        if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
             continue
         made.append(
-            (row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px))
+            (row, _candidate(row, ends, measured, found, over, of, tuning, table, colour, row_offset_px))
         )
     known = dict(made)
     count = len(measured.parts)
@@ -112,13 +120,18 @@ def _candidate(
     measured: Measured,
     found: Explanation,
     over: Crossed,
-    frame: Frame,
+    size: Size,
     tuning: Tuning,
     table: Plane | None,
     colour: Colour | None,
     row_offset_px: float,
 ) -> Candidate:
-    part, k = frame.part, found.chosen[row]
+    k = found.chosen[row]
+    seen = None
+    if colour is not None and any(part.colour is not None for part in size.parts):
+        seen = colour_of(measured.parts[row], found, k, colour, size.frame)
+    part, other_colour = among_colours(seen, size.parts)
+    frame = replace(size.frame, part=part)
     way = ends[1] - ends[0]
     length = float(np.linalg.norm(way))
     sigma_m, sigma_rad = sigmas(measured.parts[row], measured.covariance[row], frame)
@@ -127,9 +140,7 @@ def _candidate(
     score = float(np.clip(0.3 + 0.7 * (worth - low) / (high - low), 0.0, 1.0))
     reasons = _shape_reasons(row, k, length, measured, found, frame)
     reasons += _place_reasons(ends, part, tuning, table)
-    if part.colour is not None and colour is not None:
-        seen = colour_of(measured.parts[row], found, k, colour, frame)
-        reasons += [] if seen is None else refusals(seen, part.colour)
+    reasons += other_colour
     crossing = _most_in_middle(row, over)
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
