@@ -28,7 +28,7 @@ from vision.refine import KIND
 from vision.rows import row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
-from vision.sizes import Size, of_one_width, sizes_of, weighing_length_m
+from vision.sizes import Size, lead, of_one_width, sizes_of, weighing_length_m
 from vision.sizes import pool as propose
 from vision.types import (
     CameraModel,
@@ -142,7 +142,8 @@ def locate_default(
     tell("polish", measured)
     over = crossed(measured.parts, measured.covariance, found.chosen, found.state, frame)
     off_px = offset.px if offset.significant else 0.0
-    offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes)
+    ahead = lead(found, sizes)
+    offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
     tell("retrieve", offered.candidates)
     return _scene(offered, measured, pictures, frame, pool, off_px)
 
@@ -276,7 +277,8 @@ def _first(
     if not free:
         return None
     few_over = some_crossed(over, len(best))
-    offered = candidates(measured, few, few_over, frame, tuning, table, colour, 0.0, sizes)
+    ahead = lead(few, sizes)
+    offered = candidates(measured, few, few_over, frame, tuning, table, colour, 0.0, sizes, ahead)
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)

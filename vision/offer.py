@@ -13,7 +13,7 @@ from vision.explain import Explanation, Frame
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
-from vision.sizes import Size, size_of
+from vision.sizes import LEAST_LEAD, Size, size_of
 from vision.types import (
     Candidate,
     Crossing,
@@ -64,10 +64,12 @@ def candidates(
     colour: Colour | None,
     row_offset_px: float,
     sizes: tuple[Size, ...] = (),
+    ahead: Floats | None = None,
 ) -> Offered:
     """Every part near a product's length: offered ones first, those with nothing on them before others.
 
-    ``sizes`` the products of the look, by the kind of their hypotheses; without them the one of the frame.
+    ``sizes`` the products of the look, by the kind of their hypotheses, and ``ahead`` (C,) what each part
+    explains more than one of another size would; without them the one of the frame.
     """
     sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
     made: list[tuple[int, Candidate]] = []
@@ -78,9 +80,11 @@ def candidates(
         known_m = of.frame.part.length_m
         if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
             continue
-        made.append(
-            (row, _candidate(row, ends, measured, found, over, of, tuning, table, colour, row_offset_px))
-        )
+        one = _candidate(row, ends, measured, found, over, of, tuning, table, colour, row_offset_px)
+        if ahead is not None and ahead[row] < LEAST_LEAD:
+            doubt = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
+            one = replace(one, refusals=(*one.refusals, doubt))
+        made.append((row, one))
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
@@ -164,6 +168,7 @@ def _candidate(
         refusals=tuple(reasons),
         sigma_m=sigma_m,
         sigma_rad=sigma_rad,
+        width_m=_width(row, k, measured, found, frame) * part.diameter_m,
     )
 
 
@@ -184,9 +189,7 @@ def _shape_reasons(
         reasons.append(
             Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
         )
-    # as the edges had it, because the shading model believes the nominal width, unless they lost it since
-    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
-    width = last if last < WIDTH_SHARE[0] else raw
+    width = _width(row, k, measured, found, frame)
     low, high = WIDTH_SHARE
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m
@@ -206,6 +209,13 @@ def _shape_reasons(
         value = float(measured.bow_px[row])
         reasons.append(Refused(reason=Refusal.BENT, value=value, limit=most, unit="px"))
     return reasons
+
+
+def _width(row: int, k: int, measured: Measured, found: Explanation, frame: Frame) -> float:
+    """In nominal widths, as the edges had it, because the shading model believes the nominal width, unless
+    they lost it since."""
+    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
+    return last if last < WIDTH_SHARE[0] else raw
 
 
 def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:

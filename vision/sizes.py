@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vision import claims
 from vision.canvas import in_space
-from vision.explain import Frame
+from vision.explain import Explanation, Frame
 from vision.proposals import Lines
 from vision.refine import KIND
 from vision.strays import strays
@@ -26,6 +27,11 @@ LONGER = 1.6
 """Evidence is weighed by the longest product, unless it is more than this many times the shortest."""
 LONGEST = 2.5
 """Nothing is longer than this many times the length that evidence is weighed by."""
+SEEN_END = 0.1
+LEAST_LEAD = 0.1
+"""A part with an end that neither picture shows so strongly, and that explains less than this more than one
+of another known length, in lengths and view, may be either. In mixed heaps 16 of 581 parts are such, and
+among them all five that were of another length."""
 OTHER_LENGTH = 0.08
 """What is nearer to a known length, as a share of it, is no stray."""
 
@@ -97,6 +103,39 @@ def pool(left: Lines, right: Lines, planes: Floats, sizes: tuple[Size, ...]) -> 
         known_m = np.array([size.frame.part.length_m for size in sizes if size.frame is not longest])
         others = others[(np.abs(long_m[:, None] / known_m - 1) > OTHER_LENGTH).all(axis=1)]
     return np.concatenate([*found, others])
+
+
+def lead(found: Explanation, sizes: tuple[Size, ...]) -> Floats:
+    """(C,) by how much each chosen part explains more than a part of another known length in its place.
+
+    In lengths of the chosen part and view; infinite where both ends are seen or no other length was thought
+    of. Other parts stay as they are. One whose end is hidden may be longer or shorter than it seems: then
+    this is small.
+    """
+    now, nobody = found.state, np.zeros(len(found.hypotheses), np.bool_)
+    ahead = np.full(len(found.chosen), np.inf)
+    if len(sizes) == 1:
+        return ahead
+    for place, k in enumerate(found.chosen):
+        kind = found.hypotheses[k, KIND]
+        if kind < 0 or (now.tip_value[k].mean(axis=2).max(axis=0) >= SEEN_END).all():
+            continue
+        near = range(int(now.near_at[k]), int(now.near_at[k + 1]))
+        rivals = [
+            int(now.near[at])
+            for at in near
+            if found.hypotheses[now.near[at], KIND] not in (kind, -1.0)
+            and now.pair[at, 0] < claims.THROUGH * now.diameter
+            and now.pair[at, 1] > claims.PARALLEL
+        ]
+        if not rivals:
+            continue
+        claims.give_back(now, k)
+        own = claims.gain_of(k, now)
+        best = max(claims.gain_of(h, now) for h in rivals)
+        claims.take(now, k, nobody)
+        ahead[place] = (own - best) / (2 * sizes[int(kind)].frame.length_px)
+    return ahead
 
 
 def size_of(kind: float, length_m: float, sizes: tuple[Size, ...]) -> Size:
