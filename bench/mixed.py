@@ -198,9 +198,10 @@ def measure(mix: str, rig: Rig, scenes: int, seed: int) -> list[tuple[str, ...]]
 
 def sheet(mixes: tuple[str, ...], rig: str, scenes: int, seed: int) -> tables.Sheet:
     """The table."""
+    only = "" if mixes == tuple(MIXES) else f" --mixes {' '.join(mixes)}"
     return tables.Sheet(
         title=f"Several products in one heap, {RIGS[rig].name}, {scenes} heaps of each mix, seed {seed}",
-        command=f"python -m bench.mixed --seed {seed} --scenes {scenes} --rig {rig}",
+        command=f"python -m bench.mixed --seed {seed} --scenes {scenes} --rig {rig}{only}",
         headings=(
             "mix",
             "product",
