@@ -81,19 +81,14 @@ def locate_default(
 
     Straight parts of one width here, parts with a topology by `vision.shapes`.
 
+    Parameters as for `vision.locate.locate`, and the same errors.
+
     Parameters
     ----------
-    left_grey, right_grey : (H, W) uint8
-        Raw pictures of the two calibrated cameras.
-    stereo_model, part, tuning, table
-        See their records. Without ``tuning.depth_m`` a table is needed. ``tuning.band`` replaces the
-        adaptive foreground.
     observe
         Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``,
         ``explain``, ``rows``, ``polish`` and ``retrieve``; and with ``first``, before the rest is
         explained, where a part is certain already: a `Scene` that is not complete.
-    colour_left : (H, W, 3) uint8 BGR
-        Needed for parts with a colour.
     among
         Other products that may lie there, straight and as thick as ``part``: candidates say which product
         they are, and the first answer is of ``part`` only.
@@ -102,12 +97,6 @@ def locate_default(
     -------
     Scene
         Views are in raw pixels; candidates and segments in the raw left camera frame.
-
-    Raises
-    ------
-    ValueError
-        Pictures of a wrong type or size, neither a depth range nor a table, a part with a colour and no
-        colour picture, or other products of another width.
     """
     if among and not of_one_width(part, among):
         raise ValueError(f"not all of {', '.join(p.name for p in (part, *among))} are rods of one width")
