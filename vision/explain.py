@@ -26,7 +26,7 @@ TILT_SHARE = 0.06
 LENGTH_SIGMA_SHARE = 0.005
 LENGTH_SHARE = 0.08
 SAME_PX = 0.6
-ROUNDS = 3
+ROUNDS = 2
 DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 """Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
 NUDGE_PX = 2.0
@@ -91,7 +91,7 @@ def explain(
     """
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
     hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
-    settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 4.0)
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 3, 6.0)
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
     hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
@@ -109,7 +109,7 @@ def explain(
             if not choice.exchange(now, chosen):
                 break
             choice.greedy(now, chosen)
-        if turn > 0:
+        if turn == ROUNDS - 1:
             choice.deepen(now, chosen, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
         if turn == ROUNDS - 1:
             break

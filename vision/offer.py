@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from vision.canvas import in_space
 from vision.colour import Colour, among_colours, colour_of
 from vision.crossings import MIDDLE, Crossed, ranked
+from vision.edges import Reals
 from vision.explain import Explanation, Frame
+from vision.jit import compiled
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
@@ -18,6 +21,7 @@ from vision.types import (
     Candidate,
     Crossing,
     Floats,
+    Ints,
     PartModel,
     Plane,
     Refusal,
@@ -54,6 +58,23 @@ class Offered:
     rows: list[int]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """Of C measured parts: ``ends_m`` (C, 2, 3), ``centre_m``, ``axis`` (C, 3), ``length_m`` (C,) and both
+    deviations (C,); ``both`` share with both flanks; ``outside`` share off the picture; ``over_middle`` how
+    many parts lie over the middle third."""
+
+    ends_m: Floats
+    centre_m: Floats
+    axis: Floats
+    length_m: Floats
+    sigma_m: Floats
+    sigma_rad: Floats
+    both: Floats
+    outside: Floats
+    over_middle: Ints
+
+
 def candidates(
     measured: Measured,
     found: Explanation,
@@ -72,15 +93,14 @@ def candidates(
     explains more than one of another size would; without them the one of the frame.
     """
     sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
+    seen = _seen(measured, found, over, frame)
     made: list[tuple[int, Candidate]] = []
-    for row in range(len(measured.parts)):
-        ends = in_space(measured.parts[row, 1:7].reshape(2, 3), frame.on)
-        length = float(np.linalg.norm(ends[1] - ends[0]))
+    for row, length in enumerate(seen.length_m.tolist()):
         of = size_of(measured.parts[row, KIND], length, sizes)
         known_m = of.frame.part.length_m
         if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
             continue
-        one = _candidate(row, ends, measured, found, over, of, tuning, table, colour, row_offset_px)
+        one = _candidate(row, seen, measured, found, of, tuning, table, colour, row_offset_px)
         if ahead is not None and ahead[row] < LEAST_LEAD:
             doubt = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
             one = replace(one, refusals=(*one.refusals, doubt))
@@ -105,11 +125,22 @@ def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
     k = found.chosen[row]
     if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
         return False
-    if (found.state.tip_value[k].mean(axis=2).max(axis=0) < PLAIN_TIP).any():
-        return False
+    seen = found.seen
+    return bool(_is_whole(k, seen.count, seen.value, seen.tip_value))
+
+
+@compiled
+def _is_whole(k: int, count: npt.NDArray[np.int32], value: Reals, tip_value: Reals) -> bool:
+    """Every end seen in one view at least, both flanks nearly everywhere in both."""
+    for end in range(2):
+        if max(tip_value[k, 0, end].mean(), tip_value[k, 1, end].mean()) < PLAIN_TIP:
+            return False
     for view in range(2):
-        steps = int(found.state.samples[k, view])
-        if float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()) < PLAIN_BOTH:
+        both = 0
+        for q in range(count[k, view]):
+            if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
+                both += 1
+        if both < PLAIN_BOTH * count[k, view]:
             return False
     return True
 
@@ -118,12 +149,53 @@ def _is_vague(candidate: Candidate) -> bool:
     return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
+def _seen(measured: Measured, found: Explanation, over: Crossed, frame: Frame) -> _Seen:
+    rows = np.array(found.chosen, np.int64)
+    ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
+    way = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(way, axis=1)
+    sigma_m, sigma_rad = sigmas(measured.parts, measured.covariance, frame)
+    both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
+    inside = (over.place > MIDDLE[0]) & (over.place < MIDDLE[1])
+    return _Seen(
+        ends_m=ends,
+        centre_m=read_only(ends.mean(axis=1)),
+        axis=read_only(way / length[:, None]),
+        length_m=length,
+        sigma_m=sigma_m,
+        sigma_rad=sigma_rad,
+        both=both,
+        outside=outside,
+        over_middle=(inside & (over.above.T > 0)).sum(axis=1),
+    )
+
+
+@compiled
+def _coverage(
+    rows: Ints, count: npt.NDArray[np.int32], value: Reals, ground: npt.NDArray[np.uint8]
+) -> tuple[Floats, Floats]:
+    """(C,) mean share of the samples of both views with both flanks; the larger share off the picture."""
+    both, outside = np.zeros(len(rows)), np.zeros(len(rows))
+    for place in range(len(rows)):
+        k = rows[place]
+        for view in range(2):
+            steps = count[k, view]
+            flanks = off = 0
+            for q in range(steps):
+                if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
+                    flanks += 1
+                if ground[k, view, q] == 2:
+                    off += 1
+            both[place] += 0.5 * flanks / steps
+            outside[place] = max(outside[place], off / steps)
+    return both, outside
+
+
 def _candidate(
     row: int,
-    ends: Floats,
+    seen: _Seen,
     measured: Measured,
     found: Explanation,
-    over: Crossed,
     size: Size,
     tuning: Tuning,
     table: Plane | None,
@@ -131,21 +203,19 @@ def _candidate(
     row_offset_px: float,
 ) -> Candidate:
     k = found.chosen[row]
-    seen = None
+    shade = None
     if colour is not None and any(part.colour is not None for part in size.parts):
-        seen = colour_of(measured.parts[row], found, k, colour, size.frame)
-    part, other_colour = among_colours(seen, size.parts)
-    frame = replace(size.frame, part=part)
-    way = ends[1] - ends[0]
-    length = float(np.linalg.norm(way))
-    sigma_m, sigma_rad = sigmas(measured.parts[row], measured.covariance[row], frame)
+        shade = colour_of(measured.parts[row], found, k, colour, size.frame)
+    part, other_colour = among_colours(shade, size.parts)
+    frame = size.frame if part is size.frame.part else replace(size.frame, part=part)
+    ends, length, sigma_m = seen.ends_m[row], float(seen.length_m[row]), float(seen.sigma_m[row])
     worth = float(found.margin[row]) / (2 * frame.length_px)
     low, high = WORTH_OF_SCORE
-    score = float(np.clip(0.3 + 0.7 * (worth - low) / (high - low), 0.0, 1.0))
-    reasons = _shape_reasons(row, k, length, measured, found, frame)
+    score = min(1.0, max(0.0, 0.3 + 0.7 * (worth - low) / (high - low)))
+    reasons = _shape_reasons(row, k, seen, measured, found, frame)
     reasons += _place_reasons(ends, part, tuning, table)
     reasons += other_colour
-    crossing = _most_in_middle(row, over)
+    crossing = int(seen.over_middle[row])
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
     vague = VAGUE_DIAMETERS * part.diameter_m
@@ -157,29 +227,29 @@ def _candidate(
         reasons.append(Refused(reason=Refusal.LOW_SCORE, value=score, limit=tuning.min_score, unit="1"))
     return Candidate(
         part_code=part.code,
-        start=read_only(ends[0].copy()),
-        end=read_only(ends[1].copy()),
-        centre=read_only(ends.mean(axis=0)),
-        axis=read_only(way / length),
+        start=ends[0],
+        end=ends[1],
+        centre=seen.centre_m[row],
+        axis=seen.axis[row],
         length_m=length,
-        nodes=read_only(ends.copy()),
+        nodes=ends,
         score=score,
         residual_px=float(measured.bow_px[row]),
         refusals=tuple(reasons),
         sigma_m=sigma_m,
-        sigma_rad=sigma_rad,
+        sigma_rad=float(seen.sigma_rad[row]),
         width_m=_width(row, k, measured, found, frame) * part.diameter_m,
     )
 
 
 def _shape_reasons(
-    row: int, k: int, length_m: float, measured: Measured, found: Explanation, frame: Frame
+    row: int, k: int, seen: _Seen, measured: Measured, found: Explanation, frame: Frame
 ) -> list[Refused]:
     """Length, width, flanks, straightness, border."""
     part = frame.part
     reasons = []
-    seen_m = measured.free_length_m[row]
-    long_m = length_m if measured.parts[row, KIND] < 0 or not np.isfinite(seen_m) else float(seen_m)
+    length_m, free_m = float(seen.length_m[row]), float(measured.free_length_m[row])
+    long_m = length_m if measured.parts[row, KIND] < 0 or not np.isfinite(free_m) else free_m
     error = long_m - part.length_m
     if abs(error) > part.length_tolerance_m or measured.parts[row, KIND] < 0:
         limit = part.length_m + float(np.copysign(part.length_tolerance_m, error))
@@ -194,16 +264,11 @@ def _shape_reasons(
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m
         reasons.append(Refused(reason=Refusal.WIDTH, value=width * part.diameter_m, limit=limit, unit="m"))
-    both, outside = [], []
-    for view in range(2):
-        steps = int(found.state.samples[k, view])
-        both.append(float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()))
-        outside.append(float((found.state.ground[k, view, :steps] == 2).mean()))
-    share = float(np.mean(both))
+    share, outside = float(seen.both[row]), float(seen.outside[row])
     if share < LEAST_BOTH:
         reasons.append(Refused(reason=Refusal.FLANKS, value=share, limit=LEAST_BOTH, unit="1"))
-    if max(outside) > OUTSIDE_SHARE:
-        reasons.append(Refused(reason=Refusal.EDGE, value=max(outside), limit=OUTSIDE_SHARE, unit="1"))
+    if outside > OUTSIDE_SHARE:
+        reasons.append(Refused(reason=Refusal.EDGE, value=outside, limit=OUTSIDE_SHARE, unit="1"))
     most = BOW_WIDTHS * frame.width_px
     if measured.bow_px[row] > most:
         value = float(measured.bow_px[row])
@@ -241,36 +306,27 @@ def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane
     return reasons
 
 
-def _most_in_middle(row: int, over: Crossed) -> int:
-    """How many parts lie over the middle third."""
-    place = over.place[row]
-    inside = (place > MIDDLE[0]) & (place < MIDDLE[1])
-    return int((inside & (over.above[:, row] > 0)).sum())
-
-
 def _crossings(
     measured: Measured, over: Crossed, frame: Frame, place: dict[int, int]
 ) -> tuple[Crossing, ...]:
-    found = []
-    for upper, lower in zip(*np.nonzero(over.above), strict=True):
-        if int(upper) not in place or int(lower) not in place:
-            continue
-        share = float(over.place[upper, lower])
-        ends = measured.parts[upper, 1:7].reshape(2, 3)
-        at = ends[0] + share * (ends[1] - ends[0])
-        point = in_space(at, frame.on)
-        depth_per_px = frame.on.focal_px * frame.on.baseline_m / float(at[2]) ** 2
-        gap = float(over.gap[upper, lower]) * depth_per_px - frame.part.diameter_m
-        found.append(
-            Crossing(
-                above=place[int(upper)],
-                below=place[int(lower)],
-                point=read_only(point),
-                gap_m=gap,
-                sure=float(over.sure[upper, lower]),
-            )
-        )
-    return tuple(found)
+    where = np.full(len(measured.parts), -1, np.int64)
+    where[list(place)] = list(place.values())
+    upper, lower = np.nonzero(over.above)
+    known = (where[upper] >= 0) & (where[lower] >= 0)
+    upper, lower = upper[known], lower[known]
+    ends = measured.parts[upper, 1:7].reshape(-1, 2, 3)
+    at = ends[:, 0] + over.place[upper, lower][:, None] * (ends[:, 1] - ends[:, 0])
+    points = read_only(in_space(at, frame.on))
+    depth_per_px = frame.on.focal_px * frame.on.baseline_m / at[:, 2] ** 2
+    gap = over.gap[upper, lower] * depth_per_px - frame.part.diameter_m
+    rows = zip(
+        where[upper].tolist(), where[lower].tolist(), points, gap.tolist(),
+        over.sure[upper, lower].tolist(), strict=True,
+    )  # fmt: skip
+    return tuple(
+        Crossing(above=above, below=below, point=point, gap_m=gap_m, sure=sure)
+        for above, below, point, gap_m, sure in rows
+    )
 
 
 def unexplained(pieces: Floats, measured: Measured, width_px: float) -> Floats:
