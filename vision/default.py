@@ -14,19 +14,22 @@ import numpy as np
 
 from vision import binarize, graph, thin
 from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
+from vision.colour import Colour
 from vision.crossings import crossed, some_crossed
 from vision.edges import Edges, edges
 from vision.explain import Explanation, Frame, explain
 from vision.foreground import Foreground, stands_out
-from vision.offer import Colour, Offered, candidates, is_plain, unexplained
+from vision.offer import Offered, candidates, is_plain, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
 from vision.published import Observer, depth_gate_m, require_pictures
+from vision.refine import KIND
 from vision.rows import row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
-from vision.strays import strays
+from vision.sizes import Size, lead, of_one_width, sizes_of, weighing_length_m
+from vision.sizes import pool as propose
 from vision.types import (
     CameraModel,
     Floats,
@@ -44,7 +47,6 @@ from vision.types import (
     View,
     read_only,
 )
-from vision.windows import windows
 
 LINE_SLACK_PX = 3.0
 MOST_FIRST = 3
@@ -73,68 +75,66 @@ def locate_default(
     table: Plane | None = None,
     observe: Observer | None = None,
     colour_left: Colour | None = None,
+    among: tuple[PartModel, ...] = (),
 ) -> Scene:
     """Find parts in a calibrated stereo pair with the project's own method.
 
-    Straight parts here, parts with a topology by `vision.shapes`.
+    Straight parts of one width here, parts with a topology by `vision.shapes`.
+
+    Parameters as for `vision.locate.locate`, and the same errors.
 
     Parameters
     ----------
-    left_grey, right_grey : (H, W) uint8
-        Raw pictures of the two calibrated cameras.
-    stereo_model, part, tuning, table
-        See their records. Without ``tuning.depth_m`` a table is needed. ``tuning.band`` replaces the
-        adaptive foreground.
     observe
         Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``,
         ``explain``, ``rows``, ``polish`` and ``retrieve``; and with ``first``, before the rest is
         explained, where a part is certain already: a `Scene` that is not complete.
-    colour_left : (H, W, 3) uint8 BGR
-        Needed for parts with a colour.
+    among
+        Other products that may lie there, straight and as thick as ``part``: candidates say which product
+        they are, and the first answer is of ``part`` only.
 
     Returns
     -------
     Scene
         Views are in raw pixels; candidates and segments in the raw left camera frame.
-
-    Raises
-    ------
-    ValueError
-        Pictures of a wrong type or size, neither a depth range nor a table, or a part with a colour and no
-        colour picture.
     """
+    if among and not of_one_width(part, among):
+        raise ValueError(f"not all of {', '.join(p.name for p in (part, *among))} are rods of one width")
     if part.topology is not None:
         return locate_shapes(left_grey, right_grey, stereo_model, part, tuning, table, observe)
     require_pictures(left_grey, right_grey, stereo_model)
-    if part.colour is not None and colour_left is None:
-        raise ValueError(
-            f"part {part.name} is told by its colour; a colour picture of the left camera is needed"
-        )
+    parts = (part, *among)
+    for told in parts:
+        if told.colour is not None and colour_left is None:
+            raise ValueError(
+                f"part {told.name} is told by its colour; a colour picture of the left camera is needed"
+            )
     tell = observe or _nobody
-    frame = frame_of(stereo_model, part, tuning, table)
+    frame = frame_of(stereo_model, replace(part, length_m=weighing_length_m(parts)), tuning, table)
+    sizes = sizes_of(parts, frame)
     greys = (left_grey, right_grey)
     pictures = _look(greys, frame, tuning, 0.0, tell)
 
     def early(found: Explanation) -> None:
-        first = _first(found, pictures, greys, frame, tuning, table, colour_left)
+        first = _first(found, pictures, greys, frame, sizes, tuning, table, colour_left)
         if first is not None:
             tell("first", first)
 
-    found, pool = _explain(pictures, frame, tell, early)
+    found, pool = _explain(pictures, frame, sizes, tell, early)
     offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
     tell("rows", offset)
     if offset.significant:
         pictures = _look(greys, frame, tuning, -offset.px, tell)
-        found, pool = _explain(pictures, frame, tell)
+        found, pool = _explain(pictures, frame, sizes, tell)
     shift = -offset.px if offset.significant else 0.0
     measured = polish(found, pictures[0].edges, pictures[1].edges, greys, shift, frame)
     tell("polish", measured)
     over = crossed(measured.parts, measured.covariance, found.chosen, found.state, frame)
-    offered = candidates(
-        measured, found, over, frame, tuning, table, colour_left, offset.px if offset.significant else 0.0
-    )
+    off_px = offset.px if offset.significant else 0.0
+    ahead = lead(found, sizes)
+    offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
     tell("retrieve", offered.candidates)
-    return _scene(offered, measured, pictures, frame, pool, offset.px if offset.significant else 0.0)
+    return _scene(offered, measured, pictures, frame, pool, off_px)
 
 
 def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: Plane | None) -> Frame:
@@ -216,20 +216,14 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
 def _explain(
     pictures: tuple[_Picture, _Picture],
     frame: Frame,
+    sizes: tuple[Size, ...],
     tell: Observer,
     early: Callable[[Explanation], None] | None = None,
 ) -> tuple[Explanation, Floats]:
     # two lines tell the disparity at their ends to a few pixels only; the refined part is held to the heights
     slack = np.array([0.0, 0.0, LINE_SLACK_PX])
     planes = np.stack([frame.low - slack, frame.high + slack])
-    lines_of = (pictures[0].lines, pictures[1].lines)
-    length_m, length_px = frame.part.length_m, frame.length_px
-    pool = np.concatenate(
-        [
-            windows(*lines_of, frame.on, planes, length_m, frame.width_px, length_px, frame.unit),
-            strays(*lines_of, frame.on, planes, length_m, length_px, frame.unit),
-        ]
-    )
+    pool = propose(pictures[0].lines, pictures[1].lines, planes, sizes)
     tell("windows", pool)
     found = explain(pool, pictures[0].edges, pictures[1].edges, frame, early)
     tell("explain", found)
@@ -241,14 +235,20 @@ def _first(
     pictures: tuple[_Picture, _Picture],
     greys: tuple[Grey, Grey],
     frame: Frame,
+    sizes: tuple[Size, ...],
     tuning: Tuning,
     table: Plane | None,
     colour: Colour | None,
 ) -> Scene | None:
-    """A scene with the parts that are certain already: seen whole in both pictures, ends and all, nothing
-    over them, and rows that agree. None where there is no such part. Its segments are everything chosen so
-    far."""
-    plain = [row for row in range(len(found.chosen)) if is_plain(found, row, frame)]
+    """A scene with the parts of the first product that are certain already: seen whole in both pictures, ends
+    and all, nothing over them, and rows that agree. None where there is no such part. Its segments are
+    everything chosen so far."""
+    wanted = sizes[0].parts[0].code
+    plain = [
+        row
+        for row in range(len(found.chosen))
+        if found.hypotheses[found.chosen[row], KIND] == 0 and is_plain(found, row, sizes[0].frame)
+    ]
     if not plain:
         return None
     if row_offset(found, pictures[0].edges, pictures[1].edges, frame).significant:
@@ -265,11 +265,13 @@ def _first(
     free = [place for place in range(len(best)) if not over.above[:, place].any()]
     if not free:
         return None
-    offered = candidates(measured, few, some_crossed(over, len(best)), frame, tuning, table, colour, 0.0)
+    few_over = some_crossed(over, len(best))
+    ahead = lead(few, sizes)
+    offered = candidates(measured, few, few_over, frame, tuning, table, colour, 0.0, sizes, ahead)
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)
-        if candidate.offered and row in free
+        if candidate.offered and candidate.part_code == wanted and row in free
     )
     if not kept:
         return None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import in_space, points_through_grid
+from vision.canvas import in_space
+from vision.colour import Colour, among_colours, colour_of
 from vision.crossings import MIDDLE, Crossed, ranked
 from vision.edges import Reals
 from vision.explain import Explanation, Frame
@@ -15,9 +16,9 @@ from vision.jit import compiled
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.retrieve import tilt_rad
+from vision.sizes import LEAST_LEAD, Size, size_of
 from vision.types import (
     Candidate,
-    ColourRange,
     Crossing,
     Floats,
     Ints,
@@ -45,13 +46,7 @@ VAGUE_DIAMETERS = 1.0
 PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
 """Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
 certain at first sight."""
-COLOUR_SAMPLES = 40
-COLOUR_INNER = 0.5
-"""Colour is read within this share of the half width; further out light and neighbours mix in."""
 MOST_ROW_OFFSET_PX = 3.0
-
-Colour = npt.NDArray[np.uint8]
-"""(H, W, 3) uint8 BGR."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,14 +84,27 @@ def candidates(
     table: Plane | None,
     colour: Colour | None,
     row_offset_px: float,
+    sizes: tuple[Size, ...] = (),
+    ahead: Floats | None = None,
 ) -> Offered:
-    """Every part near the product's length: offered ones first, those with nothing on them before others."""
+    """Every part near a product's length: offered ones first, those with nothing on them before others.
+
+    ``sizes`` the products of the look, by the kind of their hypotheses, and ``ahead`` (C,) what each part
+    explains more than one of another size would; without them the one of the frame.
+    """
+    sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
     seen = _seen(measured, found, over, frame)
-    shortest, longest = frame.part.length_m / NEAR_LENGTHS, frame.part.length_m * NEAR_LENGTHS
-    made = [
-        (row, _candidate(row, seen, measured, found, frame, tuning, table, colour, row_offset_px))
-        for row in np.flatnonzero((shortest < seen.length_m) & (seen.length_m < longest)).tolist()
-    ]
+    made: list[tuple[int, Candidate]] = []
+    for row, length in enumerate(seen.length_m.tolist()):
+        of = size_of(measured.parts[row, KIND], length, sizes)
+        known_m = of.frame.part.length_m
+        if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
+            continue
+        one = _candidate(row, seen, measured, found, of, tuning, table, colour, row_offset_px)
+        if ahead is not None and ahead[row] < LEAST_LEAD:
+            doubt = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
+            one = replace(one, refusals=(*one.refusals, doubt))
+        made.append((row, one))
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
@@ -188,21 +196,25 @@ def _candidate(
     seen: _Seen,
     measured: Measured,
     found: Explanation,
-    frame: Frame,
+    size: Size,
     tuning: Tuning,
     table: Plane | None,
     colour: Colour | None,
     row_offset_px: float,
 ) -> Candidate:
-    part, k = frame.part, found.chosen[row]
+    k = found.chosen[row]
+    shade = None
+    if colour is not None and any(part.colour is not None for part in size.parts):
+        shade = colour_of(measured.parts[row], found, k, colour, size.frame)
+    part, other_colour = among_colours(shade, size.parts)
+    frame = size.frame if part is size.frame.part else replace(size.frame, part=part)
     ends, length, sigma_m = seen.ends_m[row], float(seen.length_m[row]), float(seen.sigma_m[row])
     worth = float(found.margin[row]) / (2 * frame.length_px)
     low, high = WORTH_OF_SCORE
     score = min(1.0, max(0.0, 0.3 + 0.7 * (worth - low) / (high - low)))
     reasons = _shape_reasons(row, k, seen, measured, found, frame)
     reasons += _place_reasons(ends, part, tuning, table)
-    if part.colour is not None and colour is not None:
-        reasons += colour_reasons(measured.parts[row], found, k, part.colour, colour, frame)
+    reasons += other_colour
     crossing = int(seen.over_middle[row])
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
@@ -226,6 +238,7 @@ def _candidate(
         refusals=tuple(reasons),
         sigma_m=sigma_m,
         sigma_rad=float(seen.sigma_rad[row]),
+        width_m=_width(row, k, measured, found, frame) * part.diameter_m,
     )
 
 
@@ -246,9 +259,7 @@ def _shape_reasons(
         reasons.append(
             Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
         )
-    # as the edges had it, because the shading model believes the nominal width, unless they lost it since
-    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
-    width = last if last < WIDTH_SHARE[0] else raw
+    width = _width(row, k, measured, found, frame)
     low, high = WIDTH_SHARE
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m
@@ -263,6 +274,13 @@ def _shape_reasons(
         value = float(measured.bow_px[row])
         reasons.append(Refused(reason=Refusal.BENT, value=value, limit=most, unit="px"))
     return reasons
+
+
+def _width(row: int, k: int, measured: Measured, found: Explanation, frame: Frame) -> float:
+    """In nominal widths, as the edges had it, because the shading model believes the nominal width, unless
+    they lost it since."""
+    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
+    return last if last < WIDTH_SHARE[0] else raw
 
 
 def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:
@@ -286,57 +304,6 @@ def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane
     if tilt > tuning.max_tilt_rad:
         reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=tuning.max_tilt_rad, unit="rad"))
     return reasons
-
-
-def colour_reasons(
-    part: Floats, found: Explanation, k: int, wanted: ColourRange, colour: Colour, frame: Frame
-) -> list[Refused]:
-    """Another colour, by the median over the samples of the left picture where both flanks are seen."""
-    steps = int(found.state.samples[k, 0])
-    own = np.flatnonzero((found.state.value[k, 0, :steps] > 0).all(axis=1))
-    if len(own) == 0:
-        own = np.arange(steps)
-    share = (own[:: max(1, len(own) // COLOUR_SAMPLES)] + 0.5) / steps
-    a, b = part[1:3], part[4:6]
-    way = (b - a) / np.linalg.norm(b - a)
-    normal = np.array([-way[1], way[0]])
-    half = COLOUR_INNER * 0.5 * frame.unit * (part[3] + share * (part[6] - part[3]))
-    lanes = [
-        a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)
-    ]
-    at = np.rint(points_through_grid(frame.on.to_raw[0], np.concatenate(lanes))).astype(np.int64)
-    rows, columns = colour.shape[:2]
-    at = at[(at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)]
-    if len(at) == 0:
-        return []
-    seen = np.median(colour[at[:, 1], at[:, 0]].astype(np.float64), axis=0) / 255.0
-    hue, saturation, value = hue_saturation_value(seen)
-    low, high = wanted.hue_deg
-    between = low <= hue <= high if low <= high else hue >= low or hue <= high
-    if not between:
-        limit = low if abs((hue - low + 180) % 360 - 180) < abs((hue - high + 180) % 360 - 180) else high
-        return [Refused(reason=Refusal.COLOUR, value=np.radians(hue), limit=np.radians(limit), unit="rad")]
-    for number, (least, most) in ((saturation, wanted.saturation), (value, wanted.value)):
-        if not least <= number <= most:
-            limit = least if number < least else most
-            return [Refused(reason=Refusal.COLOUR, value=number, limit=limit, unit="1")]
-    return []
-
-
-def hue_saturation_value(bgr: Floats) -> tuple[float, float, float]:
-    """Hue in degrees, saturation and value 0..1, of blue, green, red 0..1 (Smith 1978)."""
-    blue, green, red = (float(v) for v in bgr)
-    most, least = max(blue, green, red), min(blue, green, red)
-    spread = most - least
-    if spread <= 0:
-        return 0.0, 0.0, most
-    if most == red:
-        sector = ((green - blue) / spread) % 6
-    elif most == green:
-        sector = (blue - red) / spread + 2
-    else:
-        sector = (red - green) / spread + 4
-    return 60.0 * sector, spread / most, most
 
 
 def _crossings(

@@ -24,7 +24,6 @@ from vision.offer import (
     WIDTH_SHARE,
     Offered,
     candidates,
-    hue_saturation_value,
     unexplained,
 )
 from vision.polish import Measured, polish
@@ -263,20 +262,6 @@ def test_a_grey_part_is_refused_by_its_saturation() -> None:
 
     assert (refused.reason, refused.unit, refused.limit) == (Refusal.COLOUR, "1", 0.5)
     assert refused.value < 0.15
-
-
-@pytest.mark.parametrize(
-    ("bgr", "hsv"),
-    [
-        ((0, 0, 1), (0, 1, 1)),
-        ((0, 1, 0), (120, 1, 1)),
-        ((1, 0, 0), (240, 1, 1)),
-        ((0.5, 0.25, 0.5), (300, 0.5, 0.5)),
-        ((0.3, 0.3, 0.3), (0, 0, 0.3)),
-    ],
-)
-def test_hue_saturation_and_value(bgr: tuple[float, ...], hsv: tuple[float, ...]) -> None:
-    assert hue_saturation_value(np.array(bgr, np.float64)) == pytest.approx(hsv)
 
 
 def test_parts_of_quite_another_length_are_nobodys_concern() -> None:
