@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import Canvas, through_grid
+from vision.canvas import GRID_PX, Canvas
 from vision.jit import compiled
 from vision.types import Floats, Grey, Mask, read_only
 
@@ -86,7 +86,9 @@ def edges(
     )  # fmt: skip
     around = np.ascontiguousarray(ground[top:bottom, first:last]).view(np.uint8)
     _draw_ground(around, on.from_raw[side], first, top, row_shift_px, drawn)
-    return Edges(table=read_only(found[:count].copy()), at=at, ground=drawn)
+    # distortion may tear the mask by one pixel
+    whole = np.asarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)), np.uint8)
+    return Edges(table=read_only(found[:count].copy()), at=at, ground=whole)
 
 
 @compiled
@@ -110,7 +112,7 @@ def _extract(
     for y in range(2, rows - 2):
         for x in range(2, columns - 2):
             here = slope[y, x]
-            if here < least or near[y, x] == 0:
+            if near[y, x] == 0 or here < least:
                 continue
             ux = gx[y, x] / here
             uy = gy[y, x] / here
@@ -133,10 +135,18 @@ def _extract(
             bend = behind - 2 * here + ahead
             off = min(max(0.5 * (behind - ahead) / bend, -0.5), 0.5) if bend < -1e-6 else 0.0
             ex, ey = left + x + off * ux, top + y + off * uy
-            cx, cy = through_grid(grid, ex, ey)
-            dx, dy = through_grid(grid, ex + ux, ey + uy)
-            dx -= cx
-            dy -= cy
+            # bilinear within the grid's cell: where the place and its direction lie on the canvas
+            qx, qy = ex / GRID_PX, ey / GRID_PX
+            i = min(max(int(qx), 0), grid.shape[1] - 2)
+            j = min(max(int(qy), 0), grid.shape[0] - 2)
+            fx, fy = qx - i, qy - j
+            ax, ay, bx, by = grid[j, i, 0], grid[j, i, 1], grid[j, i + 1, 0], grid[j, i + 1, 1]
+            px, py = grid[j + 1, i, 0], grid[j + 1, i, 1]
+            sx, sy = grid[j + 1, i + 1, 0], grid[j + 1, i + 1, 1]
+            cx = (ax * (1 - fx) + bx * fx) * (1 - fy) + (px * (1 - fx) + sx * fx) * fy
+            cy = (ay * (1 - fx) + by * fx) * (1 - fy) + (py * (1 - fx) + sy * fx) * fy
+            dx = ux * ((bx - ax) * (1 - fy) + (sx - px) * fy) + uy * ((px - ax) * (1 - fx) + (sx - bx) * fx)
+            dy = ux * ((by - ay) * (1 - fy) + (sy - py) * fy) + uy * ((py - ay) * (1 - fx) + (sy - by) * fx)
             size = np.sqrt(dx * dx + dy * dy)
             cy += row_shift
             column, row = int(cx + 0.5), int(cy + 0.5)
@@ -165,14 +175,29 @@ def _draw_ground(
     row_shift: float,
     ground: npt.NDArray[np.uint8],
 ) -> None:
-    """Marks the canvas pixels round every mask pixel: distortion may tear the mask by one pixel."""
+    """Marks the canvas pixel of every mask pixel.
+
+    Along a row of the picture the way to the canvas is straight within each cell of the grid.
+    """
     rows, columns = inside.shape
+    high, wide = ground.shape
     for y in range(rows):
-        for x in range(columns):
-            if inside[y, x] == 0:
-                continue
-            cx, cy = through_grid(grid, float(left + x), float(top + y))
-            column, row = int(cx + 0.5), int(cy + row_shift + 0.5)
-            for j in range(max(0, row - 1), min(ground.shape[0], row + 2)):
-                for i in range(max(0, column - 1), min(ground.shape[1], column + 2)):
-                    ground[j, i] = 1
+        gy = (top + y) / GRID_PX
+        j = min(max(int(gy), 0), grid.shape[0] - 2)
+        fy = gy - j
+        x = 0
+        while x < columns:
+            i = min((left + x) // GRID_PX, grid.shape[1] - 2)
+            stop = min(columns, (i + 1) * GRID_PX - left) if i < grid.shape[1] - 2 else columns
+            ax = (1 - fy) * grid[j, i, 0] + fy * grid[j + 1, i, 0]
+            ay = (1 - fy) * grid[j, i, 1] + fy * grid[j + 1, i, 1]
+            bx = ((1 - fy) * grid[j, i + 1, 0] + fy * grid[j + 1, i + 1, 0] - ax) / GRID_PX
+            by = ((1 - fy) * grid[j, i + 1, 1] + fy * grid[j + 1, i + 1, 1] - ay) / GRID_PX
+            ax, ay = ax + 0.5, ay + row_shift + 0.5
+            begin = left - i * GRID_PX
+            for k in range(x, stop):
+                if inside[y, k] != 0:
+                    column, row = int(ax + (begin + k) * bx), int(ay + (begin + k) * by)
+                    if 0 <= row < high and 0 <= column < wide:
+                        ground[row, column] = 1
+            x = stop
