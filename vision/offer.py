@@ -14,7 +14,6 @@ from vision.explain import Explanation, Frame
 from vision.jit import compiled
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
-from vision.retrieve import tilt_rad
 from vision.types import (
     Candidate,
     ColourRange,
@@ -67,7 +66,8 @@ class Offered:
 class _Seen:
     """Of C measured parts: ``ends_m`` (C, 2, 3), ``centre_m``, ``axis`` (C, 3), ``length_m`` (C,) and both
     deviations (C,); ``both`` share with both flanks; ``outside`` share off the picture; ``over_middle`` how
-    many parts lie over the middle third."""
+    many parts lie over the middle third; ``lowest_m``, ``highest_m`` of the ends above the table, or their
+    depth; ``tilt_rad`` to the table."""
 
     ends_m: Floats
     centre_m: Floats
@@ -78,6 +78,9 @@ class _Seen:
     both: Floats
     outside: Floats
     over_middle: Ints
+    lowest_m: Floats
+    highest_m: Floats
+    tilt_rad: Floats
 
 
 def candidates(
@@ -91,10 +94,11 @@ def candidates(
     row_offset_px: float,
 ) -> Offered:
     """Every part near the product's length: offered ones first, those with nothing on them before others."""
-    seen = _seen(measured, found, over, frame)
+    bounds = _bounds_m(frame.part, tuning, table)
+    seen = _seen(measured, found, over, frame, table if tuning.depth_m is None else None, table)
     shortest, longest = frame.part.length_m / NEAR_LENGTHS, frame.part.length_m * NEAR_LENGTHS
     made = [
-        (row, _candidate(row, seen, measured, found, frame, tuning, table, colour, row_offset_px))
+        (row, _candidate(row, seen, measured, found, frame, tuning, bounds, colour, row_offset_px))
         for row in np.flatnonzero((shortest < seen.length_m) & (seen.length_m < longest)).tolist()
     ]
     known = dict(made)
@@ -141,13 +145,23 @@ def _is_vague(candidate: Candidate) -> bool:
     return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
-def _seen(measured: Measured, found: Explanation, over: Crossed, frame: Frame) -> _Seen:
+def _seen(
+    measured: Measured,
+    found: Explanation,
+    over: Crossed,
+    frame: Frame,
+    floor: Plane | None,
+    table: Plane | None,
+) -> _Seen:
+    """``floor`` what heights are above; without it the depth counts."""
     rows = np.array(found.chosen, np.int64)
     ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
     way = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(way, axis=1)
     sigma_m, sigma_rad = sigmas(measured.parts, measured.covariance, frame)
     both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
+    height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
+    up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal
     inside = (over.place > MIDDLE[0]) & (over.place < MIDDLE[1])
     return _Seen(
         ends_m=ends,
@@ -159,6 +173,9 @@ def _seen(measured: Measured, found: Explanation, over: Crossed, frame: Frame) -
         both=both,
         outside=outside,
         over_middle=(inside & (over.above.T > 0)).sum(axis=1),
+        lowest_m=height.min(axis=1),
+        highest_m=height.max(axis=1),
+        tilt_rad=np.arcsin(np.minimum(1.0, np.abs(way @ up) / length)),
     )
 
 
@@ -190,7 +207,7 @@ def _candidate(
     found: Explanation,
     frame: Frame,
     tuning: Tuning,
-    table: Plane | None,
+    bounds: tuple[float, float] | None,
     colour: Colour | None,
     row_offset_px: float,
 ) -> Candidate:
@@ -200,7 +217,7 @@ def _candidate(
     low, high = WORTH_OF_SCORE
     score = min(1.0, max(0.0, 0.3 + 0.7 * (worth - low) / (high - low)))
     reasons = _shape_reasons(row, k, seen, measured, found, frame)
-    reasons += _place_reasons(ends, part, tuning, table)
+    reasons += _place_reasons(row, seen, bounds, tuning.max_tilt_rad)
     if part.colour is not None and colour is not None:
         reasons += colour_reasons(measured.parts[row], found, k, part.colour, colour, frame)
     crossing = int(seen.over_middle[row])
@@ -265,27 +282,28 @@ def _shape_reasons(
     return reasons
 
 
-def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:
+def _place_reasons(
+    row: int, seen: _Seen, bounds: tuple[float, float] | None, most_tilt_rad: float
+) -> list[Refused]:
     """Out of the depth range, or out of the height range where only a table is known; too steep."""
     reasons = []
-    bounds: tuple[float, float] | None = None
-    values = ends_m[:, 2]
-    if tuning.depth_m is not None:
-        bounds = tuning.depth_m
-    elif table is not None:
-        values = ends_m @ table.normal + table.offset_m
-        bounds = tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
     if bounds is not None:
-        if values.min() < bounds[0]:
-            value = float(values.min())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[0], unit="m"))
-        elif values.max() > bounds[1]:
-            value = float(values.max())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[1], unit="m"))
-    tilt = tilt_rad(ends_m[1] - ends_m[0], table)
-    if tilt > tuning.max_tilt_rad:
-        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=tuning.max_tilt_rad, unit="rad"))
+        lowest, highest = float(seen.lowest_m[row]), float(seen.highest_m[row])
+        if lowest < bounds[0]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=lowest, limit=bounds[0], unit="m"))
+        elif highest > bounds[1]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=highest, limit=bounds[1], unit="m"))
+    tilt = float(seen.tilt_rad[row])
+    if tilt > most_tilt_rad:
+        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=most_tilt_rad, unit="rad"))
     return reasons
+
+
+def _bounds_m(part: PartModel, tuning: Tuning, table: Plane | None) -> tuple[float, float] | None:
+    """Depth range, or the height range of axes where only a table is known."""
+    if tuning.depth_m is not None or table is None:
+        return tuning.depth_m
+    return tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
 
 
 def colour_reasons(
