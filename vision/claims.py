@@ -106,7 +106,7 @@ def state(
     near_at, near = np.zeros(n + 1, np.int64), np.zeros(0, np.int64)
     if related:
         near_at, near = _neighbours(seen.ends, width_px + 2.0)
-    made = State(
+    return State(
         samples=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
         beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
@@ -118,10 +118,9 @@ def state(
         claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
         gain=np.zeros(n), near_at=near_at, near=near,
         pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
-        rival=np.zeros(len(near), np.bool_), related=np.zeros(n, np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m,
-        step_d=diameter_d,
+        rival=np.zeros(len(near), np.bool_), related=np.zeros(n, np.bool_),
+        size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
     )  # fmt: skip
-    return made
 
 
 @compiled

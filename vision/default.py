@@ -7,7 +7,6 @@ chosen, measured on its own edges, and offered or refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,16 +14,16 @@ import numpy as np
 from vision import binarize, graph, thin
 from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
 from vision.colour import Colour
-from vision.crossings import crossed, some_crossed
+from vision.crossings import crossed
 from vision.edges import Edges, edges
-from vision.explain import Explanation, Frame, explain
+from vision.explain import Frame, explain
 from vision.foreground import Foreground, stands_out
-from vision.offer import Offered, candidates, is_plain, unexplained
+from vision.glance import at_first_sight
+from vision.offer import Offered, candidates, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
 from vision.published import Observer, depth_gate_m, require_pictures
-from vision.refine import KIND
 from vision.rows import row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
@@ -115,17 +114,19 @@ def locate_default(
     greys = (left_grey, right_grey)
     pictures = _look(greys, frame, tuning, 0.0, tell)
 
-    def early(found: Explanation) -> None:
-        first = _first(found, pictures, greys, frame, sizes, tuning, table, colour_left)
-        if first is not None:
-            tell("first", first)
-
-    found, pool = _explain(pictures, frame, sizes, tell, early)
+    pool = _propose(pictures, frame, sizes, tell)
+    first = _first(pool, pictures, greys, sizes, tuning, table, colour_left)
+    if first is not None:
+        tell("first", first)
+    found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+    tell("explain", found)
     offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
     tell("rows", offset)
     if offset.significant:
         pictures = _look(greys, frame, tuning, -offset.px, tell)
-        found, pool = _explain(pictures, frame, sizes, tell)
+        pool = _propose(pictures, frame, sizes, tell)
+        found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+        tell("explain", found)
     shift = -offset.px if offset.significant else 0.0
     measured = polish(found, pictures[0].edges, pictures[1].edges, greys, shift, frame)
     tell("polish", measured)
@@ -213,77 +214,47 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
     )
 
 
-def _explain(
-    pictures: tuple[_Picture, _Picture],
-    frame: Frame,
-    sizes: tuple[Size, ...],
-    tell: Observer,
-    early: Callable[[Explanation], None] | None = None,
-) -> tuple[Explanation, Floats]:
+def _propose(
+    pictures: tuple[_Picture, _Picture], frame: Frame, sizes: tuple[Size, ...], tell: Observer
+) -> Floats:
     # two lines tell the disparity at their ends to a few pixels only; the refined part is held to the heights
     slack = np.array([0.0, 0.0, LINE_SLACK_PX])
     planes = np.stack([frame.low - slack, frame.high + slack])
     pool = propose(pictures[0].lines, pictures[1].lines, planes, sizes)
     tell("windows", pool)
-    found = explain(pool, pictures[0].edges, pictures[1].edges, frame, early)
-    tell("explain", found)
-    return found, pool
+    return pool
 
 
 def _first(
-    found: Explanation,
+    pool: Floats,
     pictures: tuple[_Picture, _Picture],
     greys: tuple[Grey, Grey],
-    frame: Frame,
     sizes: tuple[Size, ...],
     tuning: Tuning,
     table: Plane | None,
     colour: Colour | None,
 ) -> Scene | None:
     """A scene with the parts of the first product that are certain already: seen whole in both pictures, ends
-    and all, nothing over them, and rows that agree. None where there is no such part. Its segments are
-    everything chosen so far."""
-    wanted = sizes[0].parts[0].code
-    plain = [
-        row
-        for row in range(len(found.chosen))
-        if found.hypotheses[found.chosen[row], KIND] == 0 and is_plain(found, row, sizes[0].frame)
-    ]
-    if not plain:
+    and all, nothing over them, and rows that agree. None where there is no such part. Its segments are these
+    parts, and the pieces of the graph that nobody has explained yet."""
+    frame, wanted = sizes[0].frame, sizes[0].parts[0].code
+    left, right = pictures[0].edges, pictures[1].edges
+    found = at_first_sight(pool, left, right, frame)
+    if found is None or row_offset(found, left, right, frame).significant:
         return None
-    if row_offset(found, pictures[0].edges, pictures[1].edges, frame).significant:
-        return None
-    best = sorted(plain, key=lambda row: -found.margin[row])[:MOST_FIRST]
-    few = replace(found, chosen=[found.chosen[row] for row in best], margin=found.margin[best])
-    measured = polish(few, pictures[0].edges, pictures[1].edges, greys, 0.0, frame)
-    rest = [row for row in range(len(found.chosen)) if row not in best]
-    others = found.hypotheses[[found.chosen[row] for row in rest]]
-    parts = np.concatenate([measured.parts, others])
-    covariance = np.concatenate([measured.covariance, np.repeat(np.eye(6)[None], len(others), axis=0)])
-    rows = [*few.chosen, *(found.chosen[row] for row in rest)]
-    over = crossed(parts, covariance, rows, found.state, frame)
-    free = [place for place in range(len(best)) if not over.above[:, place].any()]
-    if not free:
-        return None
-    few_over = some_crossed(over, len(best))
-    ahead = lead(few, sizes)
-    offered = candidates(measured, few, few_over, frame, tuning, table, colour, 0.0, sizes, ahead)
+    best = replace(found, chosen=found.chosen[:MOST_FIRST], margin=found.margin[:MOST_FIRST])
+    measured = polish(best, left, right, greys, 0.0, frame)
+    over = crossed(measured.parts, measured.covariance, best.chosen, best.state, frame)
+    offered = candidates(measured, best, over, frame, tuning, table, colour, 0.0, sizes)
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)
-        if candidate.offered and candidate.part_code == wanted and row in free
+        if candidate.offered and candidate.part_code == wanted and not over.above[:, row].any()
     )
     if not kept:
         return None
-    everything = replace(
-        measured,
-        parts=parts,
-        bow_px=np.concatenate([measured.bow_px, np.full(len(others), np.nan)]),
-    )
-    scene = _scene(
-        Offered(candidates=kept, crossings=(), rows=[]), everything, pictures, frame, found.hypotheses, 0.0
-    )
-    return replace(scene, complete=False)
+    alone = Offered(candidates=kept, crossings=(), rows=[])
+    return replace(_scene(alone, measured, pictures, frame, pool, 0.0), complete=False)
 
 
 def _scene(

@@ -7,7 +7,6 @@ nobody else claims, from several places near by, and the set is chosen anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,17 +77,8 @@ class Explanation:
     seen: Traits
 
 
-def explain(
-    pool: Floats,
-    left: Edges,
-    right: Edges,
-    frame: Frame,
-    early: Callable[[Explanation], None] | None = None,
-) -> Explanation:
-    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures.
-
-    ``early`` gets the first greedy choice: what is plain to see in it will not change any more.
-    """
+def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
+    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
     hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
     settle(hypotheses, left, right, free, frame, TILT_SHARE, 3, 6.0)
@@ -103,8 +93,6 @@ def explain(
         now = state_of(hypotheses, seen, left, right, frame, True)
         chosen[:] = False
         choice.greedy(now, chosen)
-        if turn == 0 and early is not None:
-            early(_explanation(hypotheses, chosen, now, seen))
         for _ in range(2):
             if not choice.exchange(now, chosen):
                 break

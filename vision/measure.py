@@ -134,7 +134,7 @@ def _recall(
 ) -> None:  # fmt: skip
     """The nearest free edge of either flank at stations along a part in one view, NaN where there is none:
     the one that was found when the part was looked at, ``edge`` (S, 2), or else the nearest of those left."""
-    xa, ya, ux, uy, size = _axis(part, view)
+    _, _, ux, uy, size = _axis(part, view)
     count = min(int(size / SAMPLE_PX), spots.shape[1])
     steps[view] = count
     for q in range(count):

@@ -15,7 +15,6 @@ from vision.explain import Explanation, Frame
 from vision.jit import compiled
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
-from vision.retrieve import tilt_rad
 from vision.sizes import LEAST_LEAD, Size, size_of
 from vision.types import (
     Candidate,
@@ -43,9 +42,6 @@ WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
-PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
-"""Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
-certain at first sight."""
 MOST_ROW_OFFSET_PX = 3.0
 
 
@@ -62,7 +58,8 @@ class Offered:
 class _Seen:
     """Of C measured parts: ``ends_m`` (C, 2, 3), ``centre_m``, ``axis`` (C, 3), ``length_m`` (C,) and both
     deviations (C,); ``both`` share with both flanks; ``outside`` share off the picture; ``over_middle`` how
-    many parts lie over the middle third."""
+    many parts lie over the middle third; ``lowest_m``, ``highest_m`` of the ends above the table, or their
+    depth; ``tilt_rad`` to the table."""
 
     ends_m: Floats
     centre_m: Floats
@@ -73,6 +70,9 @@ class _Seen:
     both: Floats
     outside: Floats
     over_middle: Ints
+    lowest_m: Floats
+    highest_m: Floats
+    tilt_rad: Floats
 
 
 def candidates(
@@ -93,14 +93,15 @@ def candidates(
     explains more than one of another size would; without them the one of the frame.
     """
     sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
-    seen = _seen(measured, found, over, frame)
+    bounds = _bounds_m(frame.part, tuning, table)
+    seen = _seen(measured, found, over, frame, table if tuning.depth_m is None else None, table)
     made: list[tuple[int, Candidate]] = []
     for row, length in enumerate(seen.length_m.tolist()):
         of = size_of(measured.parts[row, KIND], length, sizes)
         known_m = of.frame.part.length_m
         if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
             continue
-        one = _candidate(row, seen, measured, found, of, tuning, table, colour, row_offset_px)
+        one = _candidate(row, seen, measured, found, of, tuning, bounds, colour, row_offset_px)
         if ahead is not None and ahead[row] < LEAST_LEAD:
             doubt = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
             one = replace(one, refusals=(*one.refusals, doubt))
@@ -120,42 +121,27 @@ def candidates(
     )
 
 
-def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
-    """A product seen whole in both pictures, with both ends: no later choice will take it away."""
-    k = found.chosen[row]
-    if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
-        return False
-    seen = found.seen
-    return bool(_is_whole(k, seen.count, seen.value, seen.tip_value))
-
-
-@compiled
-def _is_whole(k: int, count: npt.NDArray[np.int32], value: Reals, tip_value: Reals) -> bool:
-    """Every end seen in one view at least, both flanks nearly everywhere in both."""
-    for end in range(2):
-        if max(tip_value[k, 0, end].mean(), tip_value[k, 1, end].mean()) < PLAIN_TIP:
-            return False
-    for view in range(2):
-        both = 0
-        for q in range(count[k, view]):
-            if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
-                both += 1
-        if both < PLAIN_BOTH * count[k, view]:
-            return False
-    return True
-
-
 def _is_vague(candidate: Candidate) -> bool:
     return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
-def _seen(measured: Measured, found: Explanation, over: Crossed, frame: Frame) -> _Seen:
+def _seen(
+    measured: Measured,
+    found: Explanation,
+    over: Crossed,
+    frame: Frame,
+    floor: Plane | None,
+    table: Plane | None,
+) -> _Seen:
+    """``floor`` what heights are above; without it the depth counts."""
     rows = np.array(found.chosen, np.int64)
     ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
     way = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(way, axis=1)
     sigma_m, sigma_rad = sigmas(measured.parts, measured.covariance, frame)
     both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
+    height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
+    up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal
     inside = (over.place > MIDDLE[0]) & (over.place < MIDDLE[1])
     return _Seen(
         ends_m=ends,
@@ -167,6 +153,9 @@ def _seen(measured: Measured, found: Explanation, over: Crossed, frame: Frame) -
         both=both,
         outside=outside,
         over_middle=(inside & (over.above.T > 0)).sum(axis=1),
+        lowest_m=height.min(axis=1),
+        highest_m=height.max(axis=1),
+        tilt_rad=np.arcsin(np.minimum(1.0, np.abs(way @ up) / length)),
     )
 
 
@@ -198,7 +187,7 @@ def _candidate(
     found: Explanation,
     size: Size,
     tuning: Tuning,
-    table: Plane | None,
+    bounds: tuple[float, float] | None,
     colour: Colour | None,
     row_offset_px: float,
 ) -> Candidate:
@@ -213,7 +202,7 @@ def _candidate(
     low, high = WORTH_OF_SCORE
     score = min(1.0, max(0.0, 0.3 + 0.7 * (worth - low) / (high - low)))
     reasons = _shape_reasons(row, k, seen, measured, found, frame)
-    reasons += _place_reasons(ends, part, tuning, table)
+    reasons += _place_reasons(row, seen, bounds, tuning.max_tilt_rad)
     reasons += other_colour
     crossing = int(seen.over_middle[row])
     if crossing > 0:
@@ -283,27 +272,28 @@ def _width(row: int, k: int, measured: Measured, found: Explanation, frame: Fram
     return last if last < WIDTH_SHARE[0] else raw
 
 
-def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:
+def _place_reasons(
+    row: int, seen: _Seen, bounds: tuple[float, float] | None, most_tilt_rad: float
+) -> list[Refused]:
     """Out of the depth range, or out of the height range where only a table is known; too steep."""
     reasons = []
-    bounds: tuple[float, float] | None = None
-    values = ends_m[:, 2]
-    if tuning.depth_m is not None:
-        bounds = tuning.depth_m
-    elif table is not None:
-        values = ends_m @ table.normal + table.offset_m
-        bounds = tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
     if bounds is not None:
-        if values.min() < bounds[0]:
-            value = float(values.min())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[0], unit="m"))
-        elif values.max() > bounds[1]:
-            value = float(values.max())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[1], unit="m"))
-    tilt = tilt_rad(ends_m[1] - ends_m[0], table)
-    if tilt > tuning.max_tilt_rad:
-        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=tuning.max_tilt_rad, unit="rad"))
+        lowest, highest = float(seen.lowest_m[row]), float(seen.highest_m[row])
+        if lowest < bounds[0]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=lowest, limit=bounds[0], unit="m"))
+        elif highest > bounds[1]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=highest, limit=bounds[1], unit="m"))
+    tilt = float(seen.tilt_rad[row])
+    if tilt > most_tilt_rad:
+        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=most_tilt_rad, unit="rad"))
     return reasons
+
+
+def _bounds_m(part: PartModel, tuning: Tuning, table: Plane | None) -> tuple[float, float] | None:
+    """Depth range, or the height range of axes where only a table is known."""
+    if tuning.depth_m is not None or table is None:
+        return tuning.depth_m
+    return tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
 
 
 def _crossings(

@@ -76,9 +76,7 @@ def lines(found: Edges, pieces: Floats, width_px: float, length_px: float) -> Li
 
 
 @compiled
-def _votes(
-    table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float
-) -> tuple[Floats, Ints, Floats]:
+def _votes(table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float) -> tuple[Floats, Ints, Floats]:
     """Centre and weight of every edge's vote, sorted by direction of the line; rows x, y, angle, weight.
 
     Returns

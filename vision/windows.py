@@ -14,7 +14,7 @@ from vision.canvas import Canvas
 from vision.edges import Reals
 from vision.jit import compiled
 from vision.proposals import Lines
-from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, axis_length
+from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB
 from vision.types import Floats, Ints
 
 FLAT = 0.17
@@ -354,7 +354,10 @@ def _slanted(
     for s in range(-reach + beyond, reach - beyond - 8, STEP_S):
         x, y = left[i, 0] + s * left[i, 2], left[i, 1] + s * left[i, 3]
         middle_d = 0.5 * (
-            (planes[0, 0] + planes[1, 0]) * x + (planes[0, 1] + planes[1, 1]) * y + planes[0, 2] + planes[1, 2]
+            (planes[0, 0] + planes[1, 0]) * x
+            + (planes[0, 1] + planes[1, 1]) * y
+            + planes[0, 2]
+            + planes[1, 2]
         )
         value[s + reach, :] = NOTHING
         if alone[i, s + reach] < -0.4 * length_px:
