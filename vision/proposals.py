@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
-from vision.flank import nearest_edge
-from vision.jit import compiled
+from vision.flank import SAME_WAY
+from vision.jit import compiled, compiled_sums
 from vision.types import Floats, Ints, read_only
 
 TURNS = 180
@@ -28,6 +28,9 @@ WINDOWS = 3
 REACH_LENGTHS = 1.6
 """How far beyond its middle a line is looked along, in part lengths."""
 FLANK_SIGMA_PX, FLANK_PX = 0.8, 2.0
+OPPOSITE_PX = 1.6
+VOTE_PX, CELL_PX = 2.2, 4
+"""How far from a line votes for it are; votes of one direction are sorted by such stretches of distance."""
 FLANK_TURN, TIP_TURN = float(np.sin(np.deg2rad(18.5))), float(np.cos(np.deg2rad(23.5)))
 """An edge is of a line's flank where its direction has no greater share along the line, of an end where it has
 no smaller one."""
@@ -65,9 +68,9 @@ def lines(found: Edges, pieces: Floats, width_px: float, length_px: float) -> Li
             tips=np.zeros((0, 2 * reach + 1, 2), np.float32),
             reach_px=reach,
         )
-    votes, starts, around = _votes(found.table, found.at, found.ground, width_px)
+    votes, starts, middle, radius = _votes(found.table, found.at, found.ground, width_px)
     least = FAINTEST_LENGTHS * length_px
-    board, middle, radius = _board(votes, around)
+    board = _board(votes, radius)
     peaks = np.concatenate([_as_peaks(pieces, middle, radius), _peaks(board, radius, least)])
     table, count = _fit(votes, starts, peaks, middle, radius, length_px, least)
     table = table[:count].copy()
@@ -76,19 +79,26 @@ def lines(found: Edges, pieces: Floats, width_px: float, length_px: float) -> Li
 
 
 @compiled
-def _votes(table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float) -> tuple[Floats, Ints, Floats]:
-    """Centre and weight of every edge's vote, sorted by direction of the line; rows x, y, angle, weight.
+def _votes(
+    table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float
+) -> tuple[Floats, Ints, Floats, int]:
+    """Centre and weight of the votes, sorted by direction of their line and by its distance from the middle.
 
     Returns
     -------
-    votes : (N, 4), starts : (TURNS + 1,), around : (4,) least and greatest x and y"""
+    votes : (N, 4)
+        Rows x, y from the middle, direction as a number of turns, weight.
+    starts : (TURNS, C + 1)
+        Where those of each direction, and in it of every `CELL_PX` of distance from -radius on, begin.
+    middle : (2,)
+        Of all votes.
+    radius : int
+        No vote is further from there.
+    """
     count = len(table)
     raw = np.empty((count, 4))
-    turn = np.empty(count, np.int64)
-    free = np.zeros(count, np.uint16)
-    starts = np.zeros(TURNS + 1, np.int64)
-    around = np.array([1e9, -1e9, 1e9, -1e9])
     kept = 0
+    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
     for edge in range(count):
         x, y, ux, uy = table[edge, 0], table[edge, 1], table[edge, 2], table[edge, 3]
         # every second one, however many lie in a row
@@ -98,46 +108,78 @@ def _votes(table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float) -
         column, row = int(cx + 0.5), int(cy + 0.5)
         if not (0 <= column < ground.shape[1] and 0 <= row < ground.shape[0]) or ground[row, column] == 0:
             continue
-        other, off = nearest_edge(table, at, free, x + width * ux, y + width * uy, -ux, -uy, 1.6)
+        other, off = _opposite(table, at, x + width * ux, y + width * uy, -ux, -uy)
         weight = 0.6
         if other >= 0:
             weight += 1.4 * table[other, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2)
         angle = np.arctan2(ux, -uy)
         if angle < 0.0:
             angle += np.pi
-        turn[kept] = int(angle / np.pi * TURNS + 0.5) % TURNS
-        starts[turn[kept] + 1] += 1
-        raw[kept, 0], raw[kept, 1], raw[kept, 2], raw[kept, 3] = cx, cy, angle, weight
-        around[0], around[1] = min(around[0], cx), max(around[1], cx)
-        around[2], around[3] = min(around[2], cy), max(around[3], cy)
+        raw[kept, 0], raw[kept, 1], raw[kept, 2], raw[kept, 3] = cx, cy, angle / np.pi * TURNS, weight
+        low_x, high_x = min(low_x, cx), max(high_x, cx)
+        low_y, high_y = min(low_y, cy), max(high_y, cy)
         kept += 1
-    for k in range(TURNS):
-        starts[k + 1] += starts[k]
-    place = starts[:-1].copy()
+    if kept == 0:
+        return np.empty((0, 4)), np.zeros((TURNS, 2), np.int64), np.zeros(2), 3
+    middle = np.array([0.5 * (low_x + high_x), 0.5 * (low_y + high_y)])
+    radius = int(0.5 * np.hypot(high_x - low_x, high_y - low_y)) + 3
+    cells = 2 * radius // CELL_PX + 1
+    starts = np.zeros((TURNS, cells + 1), np.int64)
+    place = np.empty(kept, np.int64)
+    for vote in range(kept):
+        raw[vote, 0] -= middle[0]
+        raw[vote, 1] -= middle[1]
+        turn = int(raw[vote, 2] + 0.5) % TURNS
+        turned = turn * np.pi / TURNS
+        distance = raw[vote, 1] * np.cos(turned) - raw[vote, 0] * np.sin(turned)
+        place[vote] = turn * (cells + 1) + int(distance + radius) // CELL_PX
+        starts.reshape(-1)[place[vote]] += 1
+    begin = 0
+    flat = starts.reshape(-1)
+    for k in range(len(flat)):
+        begin, flat[k] = begin + flat[k], begin
     votes = np.empty((kept, 4))
-    for edge in range(kept):
-        k = place[turn[edge]]
-        place[turn[edge]] += 1
+    filled = flat.copy()
+    for vote in range(kept):
+        k = filled[place[vote]]
+        filled[place[vote]] += 1
         for n in range(4):
-            votes[k, n] = raw[edge, n]
-    return votes, starts, around
+            votes[k, n] = raw[vote, n]
+    return votes, starts, middle, radius
 
 
 @compiled
-def _board(votes: Floats, around: Floats) -> tuple[Reals, Floats, int]:
+def _opposite(table: Reals, at: Ids, x: float, y: float, nx: float, ny: float) -> tuple[int, float]:
+    """The edge nearest to (x, y) along the unit direction (nx, ny) that looks that way, -1: none within
+    `OPPOSITE_PX`; its offset. As `nearest_edge`, at five places and with nothing taken."""
+    best, best_off = -1, 0.0
+    nearest = OPPOSITE_PX
+    for step in range(-2, 3):
+        off = 0.5 * step * OPPOSITE_PX
+        column, row = int(x + off * nx + 0.5), int(y + off * ny + 0.5)
+        if column < 0 or row < 0 or column >= at.shape[1] or row >= at.shape[0]:
+            continue
+        edge = at[row, column]
+        if edge < 0 or edge == best or table[edge, 2] * nx + table[edge, 3] * ny < SAME_WAY:
+            continue
+        along = (table[edge, 0] - x) * nx + (table[edge, 1] - y) * ny
+        if abs(along) <= nearest:
+            nearest = abs(along)
+            best, best_off = edge, along
+    return best, best_off
+
+
+@compiled
+def _board(votes: Floats, radius: int) -> Reals:
     """The voting board (TURNS, 2 radius): direction by signed distance from the middle of all votes."""
-    if len(votes) == 0:
-        return np.zeros((TURNS, 6), np.float32), np.zeros(2), 3
-    middle = np.array([0.5 * (around[0] + around[1]), 0.5 * (around[2] + around[3])])
-    radius = int(0.5 * np.hypot(around[1] - around[0], around[3] - around[2])) + 3
     board = np.zeros((TURNS, 2 * radius), np.float32)
     # directions beyond half a turn and below zero too, so that steps need not be taken round
     sines = np.sin(np.arange(-SPREAD, TURNS + SPREAD + 1) * np.pi / TURNS)
     cosines = np.cos(np.arange(-SPREAD, TURNS + SPREAD + 1) * np.pi / TURNS)
     for k in range(len(votes)):
         weight = votes[k, 3]
-        x, y = votes[k, 0] - middle[0], votes[k, 1] - middle[1]
-        centre = int(votes[k, 2] / np.pi * TURNS + 0.5)
+        x, y = votes[k, 0], votes[k, 1]
+        centre = int(votes[k, 2] + 0.5)
         for step in range(-SPREAD, SPREAD + 1):
             turn = centre + step
             distance = -sines[turn + SPREAD] * x + cosines[turn + SPREAD] * y
@@ -152,7 +194,7 @@ def _board(votes: Floats, around: Floats) -> tuple[Reals, Floats, int]:
             part = weight * (1 - 0.5 * abs(step) / SPREAD)
             board[turn, cell] += part * (1 - share)
             board[turn, cell + 1] += part * share
-    return board, middle, radius
+    return board
 
 
 def _as_peaks(pieces: Floats, middle: Floats, radius: int) -> Floats:
@@ -219,20 +261,30 @@ def _fit(
     x, y, w = np.empty(size), np.empty(size), np.empty(size)
     total = np.empty(2 * radius + 4)
     band = int(0.2 / np.pi * TURNS) + 1
+    cells = starts.shape[1] - 1
     span = int(1.02 * length)
     line = np.empty(4)
     for peak in range(len(peaks)):
         angle = peaks[peak, 0] * np.pi / TURNS
         distance = peaks[peak, 1] - radius
         ux, uy = np.cos(angle), np.sin(angle)
-        bx, by = middle[0] - uy * distance, middle[1] + ux * distance
+        bx, by = -uy * distance, ux * distance
         near = 0
         low, high = 1e9, -1e9
-        for step in range(-band, band + 1):
-            turn = (int(peaks[peak, 0] + 0.5) + step) % TURNS
-            for k in range(starts[turn], starts[turn + 1]):
+        # half of what of the line is within the radius
+        half = np.sqrt(max(radius * radius - distance * distance, 0.0))
+        for turn in range(int(peaks[peak, 0] + 0.5) - band, int(peaks[peak, 0] + 0.5) + band + 1):
+            # where, seen across this direction, votes of the line may be; the other way round beyond half a turn
+            off_turn = turn * np.pi / TURNS - angle
+            centre, spread = distance * np.cos(off_turn), half * abs(np.sin(off_turn)) + VOTE_PX + 0.1
+            if turn < 0 or turn >= TURNS:
+                centre = -centre
+            own = turn % TURNS
+            first = max(0, int(centre - spread + radius) // CELL_PX)
+            last = min(cells - 1, int(max(0.0, centre + spread + radius)) // CELL_PX)
+            for k in range(starts[own, first], starts[own, max(first, last + 1)]):
                 off = -(votes[k, 0] - bx) * uy + (votes[k, 1] - by) * ux
-                if abs(off) > 2.2:
+                if abs(off) > VOTE_PX:
                     continue
                 t = (votes[k, 0] - bx) * ux + (votes[k, 1] - by) * uy
                 along[near], across[near], weights[near] = t, off, votes[k, 3]
@@ -265,7 +317,8 @@ def _fit(
             line[0], line[1], line[2], line[3] = low + 0.5 * (a + b), 0.0, 1.0, 0.0
             if not _settle(x[:within], y[:within], w[:within], line):
                 continue
-            cx, cy = bx + line[0] * ux - line[1] * uy, by + line[0] * uy + line[1] * ux
+            cx = middle[0] + bx + line[0] * ux - line[1] * uy
+            cy = middle[1] + by + line[0] * uy + line[1] * ux
             vx, vy = line[2] * ux - line[3] * uy, line[2] * uy + line[3] * ux
             if vy < 0 or (vy == 0 and vx < 0):
                 vx, vy = -vx, -vy
@@ -288,7 +341,7 @@ def _fit(
     return table, count
 
 
-@compiled
+@compiled_sums
 def _settle(x: Floats, y: Floats, w: Floats, line: Floats) -> bool:
     """Moves a line, a point and the unit direction, onto weighted points; False: too few lie on it."""
     cx, cy, vx, vy = line[0], line[1], line[2], line[3]
@@ -361,7 +414,8 @@ def _along(
     sorted_edges, starts = _by_tile(table, rows, columns)
     half = 0.5 * width
     aside = half + FLANK_PX
-    per_tip = 1.0 / max(0.8 * width, 1.0)
+    per_tip, per_sigma = 1.0 / max(0.8 * width, 1.0), 1.0 / FLANK_SIGMA_PX
+    kept = np.empty(len(table) + 1, np.int64)
     for line in range(count):
         ox, oy, ux, uy = lines_of[line, 0], lines_of[line, 1], lines_of[line, 2], lines_of[line, 3]
         low[:] = 0.0
@@ -375,26 +429,35 @@ def _along(
             a, b = ox + (row * TILE - oy) * lean, ox + ((row + 1) * TILE - oy) * lean
             first = int(max(left, min(a, b) - wide, 0.0)) // TILE
             last = int(max(0.0, min(right, max(a, b) + wide, columns * TILE - 1.0))) // TILE
+            # a sieve without branches: most edges of the squares are not of this line, and no pattern tells which
+            fitting = 0
             for e in range(starts[row * columns + first], starts[row * columns + max(first, last + 1)]):
                 x, y = sorted_edges[e, 0] - ox, sorted_edges[e, 1] - oy
                 off = y * ux - x * uy
-                if abs(off) > aside:
-                    continue
+                forward = abs(sorted_edges[e, 2] * ux + sorted_edges[e, 3] * uy)
+                looks = sorted_edges[e, 3] * ux - sorted_edges[e, 2] * uy
+                # the bright side of a flank is the line's side
+                flank = (forward < FLANK_TURN) & (abs(abs(off) - half) <= FLANK_PX) & (looks * off <= 0.0)
+                tip = (forward > TIP_TURN) & (abs(off) <= 0.4 * width)
+                kept[fitting] = e
+                fitting += int(flank | tip)
+            for k in range(fitting):
+                e = kept[k]
+                x, y = sorted_edges[e, 0] - ox, sorted_edges[e, 1] - oy
+                off = y * ux - x * uy
                 forward = sorted_edges[e, 2] * ux + sorted_edges[e, 3] * uy
                 centre = x * ux + y * uy + reach
                 if abs(forward) < FLANK_TURN:
-                    miss = abs(off) - half
-                    # the bright side is the line's side
-                    looks = sorted_edges[e, 3] * ux - sorted_edges[e, 2] * uy
                     place = int(centre + 0.5)
-                    if abs(miss) > FLANK_PX or looks * off > 0 or place < 0 or place >= size:
+                    if place < 0 or place >= size:
                         continue
-                    value = sorted_edges[e, 4] * np.exp(-0.5 * (miss / FLANK_SIGMA_PX) ** 2)
+                    miss = (abs(off) - half) * per_sigma
+                    value = sorted_edges[e, 4] * np.exp(-0.5 * miss * miss)
                     if off > 0:
                         high[place] = max(high[place], value)
                     else:
                         low[place] = max(low[place], value)
-                elif abs(forward) > TIP_TURN and abs(off) <= 0.4 * width:
+                else:
                     end = 0 if forward > 0 else 1
                     # an end face of width w gives about w edges
                     for place in range(max(0, int(centre) - 1), min(size, int(centre) + 3)):

@@ -41,7 +41,8 @@ SLACK_LENGTHS = 0.3
 END_PX = 2
 STEP_S, STEP_D = 4, 2
 FINE_S, FINE_D, FINE_R = 5, 3, 3
-"""How wide an end is taken at first along the baseline; places, disparities and slants tried round a best."""
+"""Along the baseline: in lengths, how much evidence at other heights may exceed what was read; how wide an end
+is taken at first; steps along the line and of disparity; places, disparities and slants tried round a best."""
 NOTHING = -1e9
 
 
@@ -243,9 +244,9 @@ def _slide(
             if steep > STEEPEST:
                 continue
             # where the line lies between the planes: low_d + low_k s <= d0 + slope s <= high_d + high_k s
-            first, last = _where_positive(d0 - low_d, slope - low_k, float(start), float(reach))
-            first, last = _where_positive(high_d - d0, high_k - slope, first, last)
-            first, last = _where_positive(d0 - 1.0, slope, first, last)
+            first, last = where_positive(d0 - low_d, slope - low_k, float(start), float(reach))
+            first, last = where_positive(high_d - d0, high_k - slope, first, last)
+            first, last = where_positive(d0 - 1.0, slope, first, last)
             # every other px: refinement does the rest
             begin = start + 2 * max(0, int(np.ceil(0.5 * (first - start))))
             per_length = baseline * size / length
@@ -327,7 +328,7 @@ def _wide(lines: Floats, tips: Reals) -> Reals:
 
 
 @compiled
-def _where_positive(at_zero: float, slope: float, first: float, last: float) -> tuple[float, float]:
+def where_positive(at_zero: float, slope: float, first: float, last: float) -> tuple[float, float]:
     """The stretch of [first, last] where ``at_zero + slope s`` is not negative; empty: last < first."""
     if slope > 1e-12:
         return max(first, -at_zero / slope), last
