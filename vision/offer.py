@@ -158,7 +158,8 @@ def _seen(
     ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
     way = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(way, axis=1)
-    sigma_m, sigma_rad = sigmas(measured.parts, measured.covariance, frame)
+    doubt = measured.covariance * measured.strain[:, None, None]
+    sigma_m, sigma_rad = sigmas(measured.parts, doubt, frame)
     both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
     height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
     up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal
