@@ -105,7 +105,7 @@ def candidates(
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
     order = ranked(over, found.margin, is_product)
-    order = sorted(order, key=lambda row: (not known[row].offered, _is_vague(known[row])))
+    order = sorted(order, key=lambda row: not known[row].offered)
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]
     place = {row: n for n, row in enumerate(rows)}
@@ -139,10 +139,6 @@ def _is_whole(k: int, count: npt.NDArray[np.int32], value: Reals, tip_value: Rea
         if both < PLAIN_BOTH * count[k, view]:
             return False
     return True
-
-
-def _is_vague(candidate: Candidate) -> bool:
-    return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
 def _seen(
