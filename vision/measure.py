@@ -40,6 +40,8 @@ GATHERED = (2, 4)
 FIRST_TIP_PX, TIP_PX = 3.5, 2.5
 MOST_MOVED_PX, LEAST_KEPT = 2.5, 0.6
 """A part that moves further, or keeps less of what tells its place, has jumped to something else."""
+STRETCH_WIDTHS, LEAST_OF_STRETCH, CALM = 2.0, 0.4, 2.0
+"""Flanks are judged by stretches so many widths long, where so much of them is seen."""
 MOST_CLAIMS = 8192
 """Edges of one part in one picture."""
 FREE_ROUNDS, FREE_REACH_PX = 3, 1.6
@@ -50,7 +52,7 @@ def measure(
     parts: Floats, chosen: Ints, ends_seen: Bools, ends: Floats, width: Floats, edge: Ids,
     table_l: Reals, at_l: Ids, taken_l: Counts, table_r: Reals, at_r: Ids, taken_r: Counts,
     camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, loose: Floats,
-    covariance: Floats, free: Floats,
+    covariance: Floats, strain: Floats, free: Floats,
 ) -> None:  # fmt: skip
     """Measure parts (C, `COLUMNS`) in place, each on the edges that no other claims.
 
@@ -69,6 +71,8 @@ def measure(
         nothing known where they take a part off its own edges.
     covariance : (C, 6, 6)
         Of x, y, d of both ends, px; filled.
+    strain : (C,)
+        How many times larger it is for flanks that are not straight or not one known width apart; filled.
     free : (C, `COLUMNS`)
         The same parts measured without the known length, where their ends are seen; filled.
     """
@@ -114,6 +118,7 @@ def measure(
         for n in range(6):
             covariance[place, n, n] += 1e-6
         covariance[place] = np.linalg.inv(covariance[place])
+        strain[place] = max(1.0, _strain(one, REACH_PX[3], spots, steps, unit, shift[place]))
         if ends_seen[place]:
             free[place] = one
             free[place, LENGTH] = 0.0
@@ -125,6 +130,53 @@ def measure(
             taken_l[mine_l[c]] += np.uint16(1)
         for c in range(many_r):
             taken_r[mine_r[c]] += np.uint16(1)
+
+
+@compiled
+def _strain(part: Floats, reach: float, spots: Floats, steps: Ints, unit: float, shift: Floats) -> float:
+    """How many times the variance they should have flanks are off straight lines one known width apart.
+
+    Flanks are read stretch by stretch, because what spoils one edge (a neighbour's shadow, the shoulder of a
+    seam) spoils those beside it: the mean of a stretch should be known far better than a single edge. Birge's
+    ratio, with `CALM` stretches that are as they should be beside those that are seen.
+    """
+    chi, count = CALM, CALM
+    scale = SAMPLE_PX / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
+    for view in range(2):
+        _, _, ux, uy, _ = _axis(part, view)
+        nx, ny = -uy, ux
+        many = max(2, int(STRETCH_WIDTHS * part[UNIT] * 0.5 * (part[3] + part[6]) / SAMPLE_PX))
+        stretches = 0
+        missed = weight = spread = both = 0.0
+        for q in range(steps[view]):
+            x, y, half = _station(part, view, (q + 0.5) / steps[view])
+            off_low = (spots[view, q, 0, 0] - x) * nx + (spots[view, q, 0, 1] - y) * ny + half
+            off_high = (x - spots[view, q, 1, 0]) * nx + (y - spots[view, q, 1, 1]) * ny + half
+            low, high = abs(off_low) <= reach, abs(off_high) <= reach
+            off_low -= shift[view, 0]
+            off_high += shift[view, 1]
+            if low and high:
+                missed += 0.5 * (off_low - off_high)
+                weight += 1.0
+                spread += half - 0.5 * (off_low + off_high) - half * unit / part[UNIT]
+                both += 1.0
+            elif high:
+                missed -= ONE_FLANK_WEIGHT * off_high
+                weight += ONE_FLANK_WEIGHT
+            elif low:
+                missed += ONE_FLANK_WEIGHT * off_low
+                weight += ONE_FLANK_WEIGHT
+            if q % many == many - 1 or q == steps[view] - 1:
+                if weight > LEAST_OF_STRETCH * many:
+                    chi += scale * missed * missed / weight
+                    stretches += 1
+                if both > LEAST_OF_STRETCH * many:
+                    chi += scale * spread * spread / both
+                    count += 1.0
+                missed = weight = spread = both = 0.0
+        # two numbers of the line were fitted to them
+        count += max(0, stretches - 2)
+    return chi / count
 
 
 @compiled

@@ -110,7 +110,7 @@ def candidates(
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
     order = ranked(over, found.margin, is_product)
-    order = sorted(order, key=lambda row: (not known[row].offered, _is_vague(known[row])))
+    order = sorted(order, key=lambda row: not known[row].offered)
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]
     place = {row: n for n, row in enumerate(rows)}
@@ -121,8 +121,6 @@ def candidates(
     )
 
 
-def _is_vague(candidate: Candidate) -> bool:
-    return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
 
 
 def _seen(
@@ -138,7 +136,8 @@ def _seen(
     ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
     way = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(way, axis=1)
-    sigma_m, sigma_rad = sigmas(measured.parts, measured.covariance, frame)
+    doubt = measured.covariance * measured.strain[:, None, None]
+    sigma_m, sigma_rad = sigmas(measured.parts, doubt, frame)
     both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
     height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
     up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal

@@ -34,7 +34,8 @@ BEYOND_SHARES = (0.03, 0.28)
 class Measured:
     """C parts, in the order they were chosen.
 
-    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far
+    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px, and
+    ``strain`` (C,) how many times larger it is where flanks contradict each other; ``bow_px`` (C,) how far
     the middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its
     ends alone have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an
     unseen end on which both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the
@@ -42,6 +43,7 @@ class Measured:
 
     parts: Floats
     covariance: Floats
+    strain: Floats
     bow_px: Floats
     free_length_m: Floats
     goes_on: Floats
@@ -65,19 +67,21 @@ def polish(
     edges = (left, right)
     flanks, own, bow = _flanks(parts, chosen, seen, (now.taken_l, now.taken_r), edges, frame)
     shift, loose, gamma, blur = _shift(flanks, own, parts, chosen, seen, greys, row_shift_px, frame)
-    covariance, free, goes_on = np.zeros((count, 6, 6)), parts.copy(), np.zeros(count)
+    covariance, strain = np.zeros((count, 6, 6)), np.ones(count)
+    free, goes_on = parts.copy(), np.zeros(count)
     ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
     measure(
         parts, chosen, ends_seen, seen.ends, seen.width, seen.edge,
         left.table, left.at, now.taken_l.copy(), right.table, right.at, now.taken_r.copy(),
         frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m, shift, loose,
-        covariance, free,
+        covariance, strain, free,
     )  # fmt: skip
     unseen = seen.tip_value[chosen].mean(axis=(1, 3)) < SEEN
     _goes_on(found.hypotheses, chosen, unseen, left.table, left.at, right.table, right.at, goes_on)
     return Measured(
         parts=parts,
         covariance=covariance,
+        strain=strain,
         bow_px=bow,
         free_length_m=np.where(ends_seen, _length_m(free, frame), np.nan),
         goes_on=goes_on,

@@ -137,7 +137,7 @@ def fit_rods(profiles: Floats, blur: float) -> tuple[Floats, Floats]:
     explains is a projection, one matrix for each place. The place is the vertex of the parabola through the
     best three.
     """
-    return _fit(np.ascontiguousarray(profiles), _explained()[BLURS.index(blur)])
+    return _fit(np.ascontiguousarray(profiles), _explained(blur))
 
 
 @compiled
@@ -178,30 +178,35 @@ def _fit(profiles: Floats, explained: Floats) -> tuple[Floats, Floats]:
 
 
 @lru_cache(maxsize=1)
-def _explained() -> Floats:
-    """(B, 5, `SAMPLES`, P) orthonormal bases of what a rod at each place explains, for each blur."""
+def _all_explained() -> Floats:
+    """(B, 5, `SAMPLES`, P) for each of `BLURS`."""
+    return np.stack([_explained(blur) for blur in BLURS])
+
+
+@lru_cache(maxsize=2 * len(BLURS))
+def _explained(blur: float) -> Floats:
+    """(5, `SAMPLES`, P) orthonormal bases of what a rod at each place explains."""
     angle = ((np.arange(QUADRATURE) + 0.5) / QUADRATURE - 0.5) * np.pi
     sine, cosine = np.sin(angle), np.cos(angle)
     where = (np.arange(SAMPLES) - HALF_SAMPLES) / HALF_SAMPLES * REACH
-    bases = np.empty((len(BLURS), 5, SAMPLES, len(PLACES)))
-    for b, blur in enumerate(BLURS):
-        for p, place in enumerate(PLACES):
-            x = where - place
-            # x = r sin(angle): equal steps of the angle crowd at the outlines, where the light changes most
-            spread = np.exp(-0.5 * ((x[:, None] - sine) / blur) ** 2) * cosine
-            spread *= np.pi / QUADRATURE / (blur * np.sqrt(2 * np.pi))
-            inside = spread.sum(axis=1)
-            low = np.where(x < 0, 1 - inside, 0.0)
-            levels = [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1)]
-            basis, _ = np.linalg.qr(np.column_stack([*levels, (spread * cosine).sum(axis=1)]))
-            bases[b, :, :, p] = basis.T
+    bases = np.empty((5, SAMPLES, len(PLACES)))
+    for p, place in enumerate(PLACES):
+        x = where - place
+        # x = r sin(angle): equal steps of the angle crowd at the outlines, where the light changes most
+        spread = np.exp(-0.5 * ((x[:, None] - sine) / blur) ** 2) * cosine
+        spread *= np.pi / QUADRATURE / (blur * np.sqrt(2 * np.pi))
+        inside = spread.sum(axis=1)
+        low = np.where(x < 0, 1 - inside, 0.0)
+        levels = [low, (1 - inside) - low, inside, (spread * sine).sum(axis=1)]
+        basis, _ = np.linalg.qr(np.column_stack([*levels, (spread * cosine).sum(axis=1)]))
+        bases[:, :, p] = basis.T
     return bases
 
 
 def best_optics(profiles: Floats) -> tuple[int, float]:
     """Which gamma and which blur explain the profiles best; ``profiles`` (G, K, `SAMPLES`) holds the same
     ones for each gamma."""
-    kind, at = _best(np.ascontiguousarray(profiles), _explained())
+    kind, at = _best(np.ascontiguousarray(profiles), _all_explained())
     return kind, BLURS[at]
 
 

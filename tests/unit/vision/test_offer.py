@@ -140,20 +140,20 @@ def test_another_width_is_refused_in_metres(times: float, limit: float) -> None:
 
 
 def test_a_thread_whose_flanks_are_never_seen_together_is_refused() -> None:
-    value = ONE.state.value.copy()
+    value = ONE.seen.value.copy()
     value[..., 1] = 0.0
 
-    refused = only(offer(found=replace(ONE, state=ONE.state._replace(value=value))))
+    refused = only(offer(found=replace(ONE, seen=replace(ONE.seen, value=value))))
 
     assert refused == Refused(reason=Refusal.FLANKS, value=0.0, limit=LEAST_BOTH, unit="1")
 
 
 def test_a_part_that_leaves_the_picture_is_refused() -> None:
-    ground = ONE.state.ground.copy()
-    steps = int(ONE.state.samples[ONE.chosen[0], 0])
+    ground = ONE.seen.ground.copy()
+    steps = int(ONE.seen.count[ONE.chosen[0], 0])
     ground[ONE.chosen[0], 0, : steps // 10] = 2
 
-    refused = only(offer(found=replace(ONE, state=ONE.state._replace(ground=ground))))
+    refused = only(offer(found=replace(ONE, seen=replace(ONE.seen, ground=ground))))
 
     assert refused.reason is Refusal.EDGE
     assert refused.value == pytest.approx(0.1, abs=0.02)

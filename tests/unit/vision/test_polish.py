@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.reference.looks import ROD, Floats, drawn, explained, frame, hypothes
 from tests.reference.sticks import Stick, lying, pair
 from vision.canvas import in_space
 from vision.polish import Measured, polish, sigmas
+from vision.types import read_only
 
 FRAME = frame()
 
@@ -88,6 +90,25 @@ def test_a_bent_stick_has_a_bow() -> None:
     assert found.chosen
     bow = polish(found, pictures.left, pictures.right, greys, 0.0, FRAME).bow_px
     assert bow.max() > 0.12 * FRAME.width_px
+
+
+def test_flanks_that_contradict_each_other_are_doubted() -> None:
+    """The middle third of a stick's edges is moved inwards, as beside a neighbour's shadow."""
+    pictures = drawn([lying(0.0, 0.0, 60)], FRAME)
+    found = explained(pictures, FRAME)
+    spoilt = []
+    for view in (pictures.left, pictures.right):
+        table = view.table.copy()
+        low, high = np.quantile(table[:, 1], [1 / 3, 2 / 3])
+        third = (table[:, 1] > low) & (table[:, 1] < high)
+        table[third, :2] += 0.6 * table[third, 2:4]
+        spoilt.append(replace(view, table=read_only(table)))
+
+    calm = polish(found, pictures.left, pictures.right, pictures.greys, 0.0, FRAME).strain
+    strained = polish(found, spoilt[0], spoilt[1], pictures.greys, 0.0, FRAME).strain
+
+    assert calm[0] == 1.0
+    assert strained[0] > 1.5
 
 
 def test_the_state_of_the_choice_is_as_before_and_nothing_measures_nothing() -> None:
