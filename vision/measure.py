@@ -198,7 +198,8 @@ def _recall(
             continue
         for side in range(2):
             e = edge[q, side]
-            if e < 0 or taken[e] > 0:
+            # a gap that was closed with the edge beside it tells nothing of its own
+            if e < 0 or taken[e] > 0 or (q > 0 and e == edge[q - 1, side]):
                 sign = -1.0 if side == 0 else 1.0
                 e, _ = nearest_edge(
                     table, at, taken, x - sign * uy * half, y + sign * ux * half, sign * uy, -sign * ux,
