@@ -1,8 +1,8 @@
 """What is certain at first sight: parts seen whole in both pictures, before anything else is explained.
 
-A part whose flanks both pictures show from end to end has nothing on it. What can still be wrong is the pair:
-the left picture of one part with the right picture of its neighbour. So only a hypothesis counts that no
-other one of like evidence shares its place with, in either picture.
+A part whose flanks both pictures show from end to end has hardly anything on it. What can still be wrong is the
+pair: the left picture of one part with the right picture of its neighbour. So only a hypothesis counts that no
+other one of like evidence shares its place with, in either picture, and that none crosses above.
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ WHOLE_LENGTHS, WHOLE_TIP, WHOLE_BOTH, GAP_WIDTHS = 0.8, 0.35, 0.6, 0.5
 longest stretch without any: what lies across a part hides both flanks for its own width. The median gap of
 parts with nothing on them is 0.5 widths, that of others 1.7 (82 heaps of 20 and 40)."""
 
+OVER_SHARE, OVER_DIAMETERS, ALONG = 0.6, 0.3, 0.05
+"""Evidence of a hypothesis that crosses above, as a share of the part's own; how much higher it lies; sine of
+the angle below which two lie along each other."""
+
 
 def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation | None:
     """Parts of the first product out of a pool of hypotheses (N, `COLUMNS`), its own best first, that no
@@ -46,7 +50,9 @@ def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Exp
     nobody = np.zeros(len(hypotheses), np.bool_)
     chosen: list[int] = []
     for k in np.argsort(-gain, kind="stable").tolist():
-        if whole[k] and claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
+        if not whole[k] or _under(hypotheses[k], pool, frame.diameter_d):
+            continue
+        if claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
             claims.take(now, k, nobody)
             chosen.append(k)
     if not chosen:
@@ -96,6 +102,28 @@ def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, len
         along = px * ux + py * uy
         low, high = min(low, along), max(high, along)
     return bool(min(high, size) - max(low, 0.0) > 0.4 * length_px)
+
+
+@compiled
+def _under(part: Floats, pool: Floats, diameter_d: float) -> bool:
+    """Whether a hypothesis of like evidence crosses above a part, by the left picture."""
+    dx, dy = part[4] - part[1], part[5] - part[2]
+    size = np.hypot(dx, dy)
+    for k in range(len(pool)):
+        if pool[k, SCORE] < OVER_SHARE * part[SCORE]:
+            continue
+        ex, ey = pool[k, 4] - pool[k, 1], pool[k, 5] - pool[k, 2]
+        turn = dx * ey - dy * ex
+        if abs(turn) < ALONG * size * np.hypot(ex, ey):
+            continue
+        rx, ry = pool[k, 1] - part[1], pool[k, 2] - part[2]
+        here, there = (rx * ey - ry * ex) / turn, (rx * dy - ry * dx) / turn
+        if min(here, there) < 0.0 or max(here, there) > 1.0:
+            continue
+        above = pool[k, 3] + there * (pool[k, 6] - pool[k, 3]) - part[3] - here * (part[6] - part[3])
+        if above > OVER_DIAMETERS * diameter_d:
+            return True
+    return False
 
 
 @compiled
