@@ -27,7 +27,9 @@ LEAST_SLOPE_GREY = 1.2
 """Per px; below this sensor noise makes edges everywhere."""
 NEAR_MASK_PX = 3
 _REACH = 3
-_KERNEL: Reals = np.asarray(cv2.getGaussianKernel(2 * _REACH + 1, SMOOTHING_PX, cv2.CV_32F)[:, 0].copy(), np.float32)
+_KERNEL: Reals = np.asarray(
+    cv2.getGaussianKernel(2 * _REACH + 1, SMOOTHING_PX, cv2.CV_32F)[:, 0].copy(), np.float32
+)
 X, Y, UX, UY, STRENGTH = 0, 1, 2, 3, 4
 
 
@@ -157,9 +159,7 @@ def _extract(
         if ahead_y < 2:
             continue
         now = (ahead_y - 1) % 3
-        _slopes(
-            smooth[(ahead_y - 2) % 3], smooth[now], smooth[ahead_y % 3], gx[now], gy[now], slope[now]
-        )
+        _slopes(smooth[(ahead_y - 2) % 3], smooth[now], smooth[ahead_y % 3], gx[now], gy[now], slope[now])
         y = ahead_y - 2
         if y < 2:
             continue
