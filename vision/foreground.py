@@ -142,7 +142,10 @@ def _histogram(grey: Grey) -> Floats:
         counts[3, flat[k + 3]] += 1
     for k in range(whole, flat.size):
         counts[0, flat[k]] += 1
-    return (counts[0] + counts[1] + counts[2] + counts[3]).astype(np.float64)
+    found = np.empty(256)
+    for value in range(256):
+        found[value] = counts[0, value] + counts[1, value] + counts[2, value] + counts[3, value]
+    return found
 
 
 def _typical_contrast_grey(counts: Floats, floor_grey: float) -> float:

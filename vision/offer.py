@@ -40,6 +40,8 @@ NEAR_LENGTHS = 1.6
 """Parts longer or shorter than this many times the product are somebody else's, not refused ones."""
 WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
+DOUBT_DIAMETERS = 0.3
+"""Of two parts with nothing on them the better known goes first; one whose centre is known to this counts half."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
 MOST_ROW_OFFSET_PX = 3.0
@@ -103,13 +105,14 @@ def candidates(
             continue
         one = _candidate(row, seen, measured, found, of, tuning, bounds, colour, row_offset_px)
         if ahead is not None and ahead[row] < LEAST_LEAD:
-            doubt = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
-            one = replace(one, refusals=(*one.refusals, doubt))
+            either = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
+            one = replace(one, refusals=(*one.refusals, either))
         made.append((row, one))
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
-    order = ranked(over, found.margin, is_product)
+    doubt = seen.sigma_m / (DOUBT_DIAMETERS * frame.part.diameter_m)
+    order = ranked(over, found.margin / (1.0 + doubt**2), is_product)
     order = sorted(order, key=lambda row: not known[row].offered)
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]

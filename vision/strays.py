@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from vision.baseline import MOST, STEEPEST
 from vision.canvas import Canvas
 from vision.edges import Reals
 from vision.jit import compiled
 from vision.proposals import Lines
 from vision.refine import SCORE, axis_length
 from vision.types import Floats
-from vision.windows import MIXED, MOST, STEEPEST, by_score, where_positive, within
+from vision.windows import MIXED, by_score, where_positive, within
 
 SEEN_TIP = 0.4
 SHORTEST_LENGTHS, LONGEST, OWN_SHARE = 0.25, 2.5, 0.05
