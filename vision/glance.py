@@ -1,8 +1,8 @@
 """What is certain at first sight: parts seen whole in both pictures, before anything else is explained.
 
 A part whose flanks both pictures show from end to end has hardly anything on it. What can still be wrong is
-the pair: the left picture of one part with the right picture of its neighbour. So only a hypothesis counts that
-no other one of like evidence shares its place with, in either picture, and that none crosses above.
+the pair: the left picture of one part with the right picture of its neighbour. So a hypothesis counts only
+where no other one of like evidence has its place in either picture, and none crosses above.
 """
 
 from __future__ import annotations

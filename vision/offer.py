@@ -41,7 +41,7 @@ NEAR_LENGTHS = 1.6
 WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 DOUBT_DIAMETERS = 0.3
-"""Of two parts with nothing on them the better known goes first; one whose centre is known to this counts half."""
+"""Of two parts with nothing on them the better known goes first; a centre known only to this counts half."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
 MOST_ROW_OFFSET_PX = 3.0
@@ -122,8 +122,6 @@ def candidates(
         crossings=_crossings(measured, over, frame, place),
         rows=rows,
     )
-
-
 
 
 def _seen(
