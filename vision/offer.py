@@ -34,7 +34,7 @@ GOES_ON = 0.3
 LEAST_BOTH = 0.15
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""
 WIDTH_SHARE = (0.72, 1.25)
-BOW_WIDTHS = 0.12
+BOW_WIDTHS = 0.09
 OUTSIDE_SHARE = 0.02
 NEAR_LENGTHS = 1.6
 """Parts longer or shorter than this many times the product are somebody else's, not refused ones."""
