@@ -13,6 +13,8 @@ Counts = npt.NDArray[np.uint16]
 SAME_WAY = 0.88
 """Least cosine between an edge's direction and the expected one."""
 PROBE_PX = 0.7
+ASKEW = 0.15
+"""Sine of the angle to rows and columns above which an edge steps aside often."""
 
 
 @compiled
@@ -36,6 +38,7 @@ def nearest_edge(
     best, best_off = -1, 0.0
     nearest = reach
     last = -1
+    askew = min(abs(nx), abs(ny)) > ASKEW
     steps = int(reach / PROBE_PX) + 1
     for step in range(2 * steps + 1):
         # from the middle outwards: 0, 1, -1, 2, -2, ...
@@ -48,7 +51,7 @@ def nearest_edge(
         if column < 1 or row < 1 or column >= at.shape[1] - 1 or row >= at.shape[0] - 1:
             continue
         edge = at[row, column]
-        if edge < 0:
+        if edge < 0 and askew:
             # an edge that runs askew passes between two pixels that meet at a corner only
             du, dv = u - column - 0.5, v - row - 0.5
             if abs(du) > abs(dv):

@@ -11,6 +11,7 @@ import pytest
 from tests.reference.looks import ROD, Floats, drawn, explained, frame, hypotheses, seen, worst_end_m
 from tests.reference.sticks import Stick, lying, pair
 from vision.canvas import in_space
+from vision.offer import BOW_WIDTHS
 from vision.polish import Measured, polish, sigmas
 from vision.types import read_only
 
@@ -77,8 +78,8 @@ def test_a_straight_stick_has_no_bow_and_its_ends_tell_its_length() -> None:
 
 
 def test_a_bent_stick_has_a_bow() -> None:
-    """Seven short pieces on an arc: three millimetres between its middle and its chord."""
-    turn = np.radians(np.linspace(-14, 14, 15))
+    """Short pieces on an arc: one millimetre between its middle and its chord."""
+    turn = np.radians(np.linspace(-5, 5, 15))
     radius = 0.05 / np.sin(turn[-1])
     points = np.stack([radius * np.sin(turn), radius * (np.cos(turn) - 1), np.full(15, 0.398)], axis=1)
     pieces = [Stick(start=a, end=b) for a, b in pairwise(points)]
@@ -89,7 +90,7 @@ def test_a_bent_stick_has_a_bow() -> None:
 
     assert found.chosen
     bow = polish(found, pictures.left, pictures.right, greys, 0.0, FRAME).bow_px
-    assert bow.max() > 0.12 * FRAME.width_px
+    assert bow.max() > BOW_WIDTHS * FRAME.width_px
 
 
 def test_flanks_that_contradict_each_other_are_doubted() -> None:
