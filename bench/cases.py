@@ -18,7 +18,7 @@ from bench.scoring import PLATE, THIN, Crossing, TruePart, Truth
 from cell import scenes
 from cell.calibration import Calibration
 from cell.evaluate import TOPOLOGY_TOLERANCE_M, TOPOLOGY_TOLERANCE_WIDTHS
-from vision.offer import Colour
+from vision.colour import Colour
 from vision.types import Floats, Grey, PartModel, Plane, StereoModel
 
 Ids: TypeAlias = npt.NDArray[np.int32]

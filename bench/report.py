@@ -18,6 +18,7 @@ from bench import (
     goals,
     keypoints,
     machine,
+    mixed,
     own,
     photoreal,
     robustness,
@@ -42,6 +43,8 @@ class Effort:
     repeats: int
     starts: int
     robustness_scenes: int
+    mixes: tuple[str, ...]
+    mixed_scenes: int
     dense: str
     large: bool
 
@@ -56,6 +59,8 @@ EFFORTS = {
         repeats=1,
         starts=1,
         robustness_scenes=1,
+        mixes=("lengths",),
+        mixed_scenes=1,
         dense="A",
         large=False,
     ),
@@ -68,6 +73,8 @@ EFFORTS = {
         repeats=3,
         starts=3,
         robustness_scenes=1,
+        mixes=tuple(mixed.MIXES),
+        mixed_scenes=4,
         dense="H20",
         large=False,
     ),
@@ -80,6 +87,8 @@ EFFORTS = {
         repeats=7,
         starts=5,
         robustness_scenes=5,
+        mixes=tuple(mixed.MIXES),
+        mixed_scenes=20,
         dense="H20",
         large=True,
     ),
@@ -99,6 +108,7 @@ def sheets(effort: Effort, seed: int, scenes: Path | None) -> Iterator[tables.Sh
         made = detector.sheet(looks, wish)
         yield goals.sheet(f"Goals, own scenes ({rig}):", looks, made.command)
         yield made
+    yield mixed.sheet(effort.mixes, "webcam", effort.mixed_scenes, seed)
     wanted = robustness.Wish(seed=seed, scenes=effort.robustness_scenes, family=effort.dense)
     yield robustness.sheet(robustness.measure(wanted), wanted)
     cases, left_out = keypoints.cases_of(scenes, seed)

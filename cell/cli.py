@@ -72,7 +72,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if command == "evaluate":
         from cell.evaluate import evaluate
 
-        evaluate(arguments.scenes, arguments.out, arguments.method, tuple(arguments.only))
+        only, among = tuple(arguments.only), tuple(arguments.among)
+        evaluate(arguments.scenes, arguments.out, arguments.method, only, among)
         return 0
     if command == "demo":
         from cell.demo import demo
@@ -126,8 +127,9 @@ def _look(arguments: argparse.Namespace) -> int:
             band=_pair(arguments.band, "--band"),
             depth_m=_pair(arguments.depth_m, "--depth-m"),
         )
+        product, *among = arguments.product
         sight = look.from_files(
-            arguments.left, arguments.right, arguments.calibration, arguments.product, tuning
+            arguments.left, arguments.right, arguments.calibration, product, tuning, tuple(among)
         )
     return look.look(sight, arguments.out, Console())
 
@@ -183,7 +185,13 @@ def parser() -> argparse.ArgumentParser:
     look.add_argument(
         "--calibration", type=Path, metavar="FILE", help="OpenCV YAML or JSON, or Mikado's JSON"
     )
-    look.add_argument("--product", type=Path, metavar="FILE", help="YAML: code, name, length_m, ...")
+    look.add_argument(
+        "--product",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="YAML: code, name, length_m, ...; of several the first is asked for, the others may lie there",
+    )
     look.add_argument("--config", type=Path, metavar="FILE", help="look through the configured cameras")
     look.add_argument(
         "--part", type=int, metavar="CODE", help="with --config: which part (default: the first)"
@@ -202,6 +210,14 @@ def parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--out", type=Path, required=True, metavar="RESULTS")
     evaluate.add_argument("--method", choices=("default", "published"), default="default")
     evaluate.add_argument("--only", nargs="+", default=[], metavar="SCENE")
+    evaluate.add_argument(
+        "--among",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="product files: what may lie there besides what a scene asks for",
+    )
 
     demo = commands.add_parser("demo", help="daemon, simulated cell and simulated PLC: empties a tray")
     demo.add_argument("--config", type=Path, default=Path("configs/demo/cell.yaml"), metavar="FILE")

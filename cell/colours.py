@@ -1,6 +1,6 @@
 """Colours of products: words for ranges, and whether a picture has colour at all.
 
-Hue in degrees, saturation and value 0..1 of the camera's own (sRGB) pixels, as `vision.offer` measures them:
+Hue in degrees, saturation and value 0..1 of the camera's own (sRGB) pixels, as `vision.colour` measures them:
 the median along the middle of a part. Hue and saturation stay when the light gets weaker, value does not, so
 only the words that mean a brightness look at it. A part bleached to white by too long an exposure has no
 colour left and is refused.

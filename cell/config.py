@@ -6,8 +6,9 @@ the file they stand in.
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
@@ -28,6 +29,10 @@ Three = tuple[float, float, float]
 Grey = Annotated[int, Field(ge=0, le=255)]
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Code = Annotated[int, Field(ge=1, le=65535)]
+
+TOLD_BY_WIDTH: Final = 1.4
+"""Of two parts, one this many times as thick as the other is refused as the other by its width."""
 
 
 class CamerasConfig(Settings):
@@ -141,9 +146,34 @@ class ColourConfig(Settings):
             )
         return self
 
+    def apart_from(self, other: ColourConfig) -> bool:
+        """Whether no colour counts for both."""
+        if any(
+            max(mine[0], its[0]) > min(mine[1], its[1])
+            for mine, its in ((self.saturation, other.saturation), (self.value, other.value))
+        ):
+            return True
+        return not any(
+            _turns_into(a, b) for a, b in ((self.hue_deg, other.hue_deg), (other.hue_deg, self.hue_deg))
+        )
+
+    @classmethod
+    def of(cls, colours: ColourRange | None) -> ColourConfig | None:
+        """The same from the detector's record; None stays none."""
+        if colours is None:
+            return None
+        return cls(hue_deg=colours.hue_deg, saturation=colours.saturation, value=colours.value)
+
     def range(self) -> ColourRange:
         """The colours as the detector takes them."""
         return ColourRange(hue_deg=self.hue_deg, saturation=self.saturation, value=self.value)
+
+
+def _turns_into(one_deg: tuple[float, float], other_deg: tuple[float, float]) -> bool:
+    """Whether the first of a range of hues lies in another one."""
+    low, high = other_deg
+    first = one_deg[0]
+    return low <= first <= high if low <= high else first >= low or first <= high
 
 
 class PartConfig(Settings):
@@ -167,6 +197,15 @@ class PartConfig(Settings):
         if self.length_tolerance_m >= self.length_m / 2:
             raise ValueError(f"length_tolerance_m {self.length_tolerance_m} is over half of length_m")
         return self
+
+    def apart_from(self, other: PartConfig) -> bool:
+        """Whether the detector can tell the two by length, by thickness or by colour."""
+        if abs(self.length_m - other.length_m) > self.length_tolerance_m + other.length_tolerance_m:
+            return True
+        thin, thick = sorted((self.diameter_m, other.diameter_m))
+        if thick > TOLD_BY_WIDTH * thin:
+            return True
+        return self.colour is not None and other.colour is not None and self.colour.apart_from(other.colour)
 
     def model(self) -> PartModel:
         """The product as the detector knows it."""
@@ -228,6 +267,11 @@ class CellConfig(Settings):
     workspace: WorkspaceConfig
     motion: MotionConfig
     parts: tuple[PartConfig, ...] = Field(min_length=1)
+    heaps: tuple[tuple[Code, ...], ...] = Field(
+        default=(),
+        description="codes of parts that lie mixed in one heap: one look tells them apart; a part that is in "
+        "none is looked for as if nothing else lay there",
+    )
     tuning: TuningConfig = TuningConfig()
     files: FilesConfig
     allow_mixed: bool = Field(default=False, description="simulated and real devices in one cell")
@@ -269,15 +313,54 @@ class CellConfig(Settings):
                     f"part {part.code} ({part.name}): diameter_m {part.diameter_m} does not fit "
                     f"jaws.opening_m {self.jaws.opening_m}"
                 )
+        self._tell_heaps_apart()
         reach = 1.75  # no arm of this size class reaches further; catches millimetres
         for corner in (self.workspace.box_min_m, self.workspace.box_max_m):
             if max(abs(v) for v in corner) > reach:
                 raise ValueError(f"workspace: corner {corner} is out of any arm's reach; metres are expected")
         return self
 
+    def _tell_heaps_apart(self) -> None:
+        """Raise `ValueError` for heaps that cannot be meant, or whose parts cannot be told apart."""
+        everywhere = [code for heap in self.heaps for code in heap]
+        for heap in self.heaps:
+            if len(heap) < 2:
+                raise ValueError(f"heaps: {list(heap)} is no heap of several parts; leave it out")
+            for code in heap:
+                if self.part(code) is None:
+                    known = ", ".join(str(part.code) for part in self.parts)
+                    raise ValueError(f"heaps: there is no part with code {code}; parts has {known}")
+                if everywhere.count(code) > 1:
+                    raise ValueError(f"heaps: code {code} is given twice; a part lies in one heap")
+            if self.tuning.method == "published":
+                raise ValueError(
+                    f"heaps: {list(heap)} lie together, but the published method knows one product a look; "
+                    "leave out tuning.method or heaps"
+                )
+            parts = [part for part in self.parts if part.code in heap]
+            for one, other in combinations(parts, 2):
+                if not one.apart_from(other):
+                    raise ValueError(
+                        f"heaps: parts {one.code} ({one.name}) and {other.code} ({other.name}) cannot be "
+                        "told apart: their lengths differ by no more than both length_tolerance_m, neither "
+                        f"is {TOLD_BY_WIDTH:g} times as thick, and their colours are not given or overlap"
+                    )
+
     def part(self, code: int) -> PartConfig | None:
         """The product of a code, None when there is none."""
         return next((part for part in self.parts if part.code == code), None)
+
+    def among(self, part: PartConfig) -> tuple[PartConfig, ...]:
+        """The other products of a product's heap."""
+        return heap_of(part, self.parts, self.heaps)
+
+
+def heap_of(
+    part: PartConfig, parts: tuple[PartConfig, ...], heaps: tuple[tuple[int, ...], ...]
+) -> tuple[PartConfig, ...]:
+    """The other products of a product's heap; none for one that lies alone."""
+    codes = next((heap for heap in heaps if part.code in heap), ())
+    return tuple(other for other in parts if other.code in codes and other.code != part.code)
 
 
 def load(path: Path) -> CellConfig:

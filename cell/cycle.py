@@ -55,6 +55,7 @@ class _Sight:
 
     order: PickOrder
     part: PartConfig
+    among: tuple[PartConfig, ...]
     pair: FramePair
     left: Grey
     right: Grey
@@ -179,13 +180,16 @@ def _lift(station: Station, order: PickOrder, stop: StopToken) -> None:
 def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> _Sight:
     part = station.part(order.part_code)
     assert part is not None, "checked before the arm moved"
+    among = station.among(part)
     with times.stage(station, Stage.LOOK):
         pair = station.rig.grab_pair(newer_than=clear_at, timeout_s=station.cameras.look_timeout_s)
         left, right = station.pictures.check(pair)
-        colour = None if part.colour is None else require_colour(pair.left, part.name)
+        told = next((one for one in (part, *among) if one.colour is not None), None)
+        colour = None if told is None else require_colour(pair.left, told.name)
     return _Sight(
         order=order,
         part=part,
+        among=among,
         pair=pair,
         left=left,
         right=right,
@@ -205,6 +209,7 @@ def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
         station.table,
         observe=observe,
         colour_left=sight.colour,
+        among=tuple(part.model() for part in sight.among),
     )
 
 
@@ -217,6 +222,8 @@ def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
         sight.part.diameter_m,
         sight.tool,
         station.missed,
+        sight.part.code,
+        max(part.diameter_m for part in (sight.part, *sight.among)),
     )
 
 
@@ -267,11 +274,14 @@ def _whole_look(station: Station, sight: _Sight, finding: Finding, stop: StopTok
     log.info(
         "look_finished",
         request_id=sight.order.request_id,
+        part=sight.part.code,
         seen=len(scene.candidates),
         offered=len(scene.offered),
         find_s=times.spent_s[Stage.FIND.value],
     )
-    return Look(order=sight.order, part=sight.part, pair=sight.pair, scene=scene, plans=plans)
+    return Look(
+        order=sight.order, part=sight.part, pair=sight.pair, scene=scene, plans=plans, among=sight.among
+    )
 
 
 def _refused(look: Look) -> list[PlanRefused]:

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cell import scenes
 from cell.calibration import Calibration
+from cell.config import ColourConfig, PartConfig, load_part
 from cell.errors import CalibrationError, UsageError
 from cell.stopwatch import StageTimes
 from drivers.timing import MonotonicClock
@@ -22,7 +23,7 @@ from drivers.types import Pixels
 from vision.default import warm_up
 from vision.locate import locate
 from vision.quality import assess
-from vision.types import Floats, Grey, Method, PartModel, Scene, Tuning
+from vision.types import Candidate, Floats, Grey, Method, PartModel, Scene, Tuning
 
 # How far a length may be off. The published method measures between skeleton ends in whole pixels of
 # disparity (3.3 mm of depth each at 400 mm), so a narrow gate costs it more recall than it saves false
@@ -44,15 +45,21 @@ Json: TypeAlias = "Mapping[str, Json] | Sequence[Json] | str | float | None"
 Result: TypeAlias = dict[str, Json]
 
 
-def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, ...] = ()) -> int:
+def evaluate(
+    scenes_dir: Path,
+    out_dir: Path,
+    method: Method,
+    only: tuple[str, ...] = (),
+    among: tuple[Path, ...] = (),
+) -> int:
     """Run the detector over scenes and write ``<out_dir>/<scene>.json`` for each.
 
     Results are in mm in the raw left camera frame. ``time_ms`` is the work on the pair without reading files,
     ``stages_ms`` the same by stage; what is compiled is compiled before. Parts that are only covered or too
     steep to be had now are detections too, ranked behind those that are offered, with their ``refusals``.
     ``crossings`` say which rank lies on which, ``reasons`` count why candidates were refused; ``nothing``
-    says in words why a scene has nothing to pick. A scene whose pictures cannot be used gets no detections
-    and a ``problem``.
+    says in words why a scene has nothing to pick; ``others`` are parts of further products. A scene whose
+    pictures cannot be used gets no detections and a ``problem``.
 
     Parameters
     ----------
@@ -60,6 +67,9 @@ def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, .
         A set (``rigs`` and ``scenes`` inside), or its ``scenes`` folder.
     only
         Names of scenes; all when empty.
+    among
+        Product files: what may lie in every scene besides what it asks for. One that a scene asks for itself
+        (nothing tells the two apart) is left out there.
 
     Returns
     -------
@@ -68,9 +78,12 @@ def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, .
 
     Raises
     ------
-    UsageError, CalibrationError
-        Nothing to work on, or something unreadable.
+    UsageError, CalibrationError, ConfigError
+        Nothing to work on, something unreadable, or other products for the published method.
     """
+    if among and method == "published":
+        raise UsageError("--among: the published method knows one product a look")
+    others = tuple(load_part(path) for path in among)
     found = scenes.find(scenes_dir, only)
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -85,13 +98,15 @@ def evaluate(scenes_dir: Path, out_dir: Path, method: Method, only: tuple[str, .
             progress.update(task, description=scene.name)
             if scene.rig not in rigs:
                 rigs[scene.rig] = scenes.rig(scene)
-            result = _evaluate_one(scene, rigs[scene.rig], method)
+            result = _evaluate_one(scene, rigs[scene.rig], method, others)
             (out_dir / f"{scene.name}.json").write_text(json.dumps(result), encoding="utf-8")
             progress.advance(task)
     return len(found)
 
 
-def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method) -> Result:
+def _evaluate_one(
+    scene: scenes.SceneFolder, rig: Calibration, method: Method, others: tuple[PartConfig, ...]
+) -> Result:
     wanted = scenes.request(scene, STICK_TOLERANCE_M[method])
     part = wanted.part
     if part.topology is not None:
@@ -108,21 +123,64 @@ def _evaluate_one(scene: scenes.SceneFolder, rig: Calibration, method: Method) -
         spur_px=max(Tuning().spur_px, SPUR_WIDTHS * width_px),
         epipolar_px=max(Tuning().epipolar_px, EPIPOLAR_WIDTHS * width_px),
     )
-    colour = scenes.colour(scene) if part.colour is not None else None
+    among = _besides(part, others)
+    told = any(one.colour is not None for one in (part, *among))
+    colour = scenes.colour(scene) if told else None
     notes = _why_no_colour(part, colour, method)
     if notes:
-        part, colour = replace(part, colour=None), None
+        part = replace(part, colour=None)
+    if colour is None:
+        among = tuple(replace(one, colour=None) for one in among)
     clock = MonotonicClock()
     started_at = clock.now()
     times = StageTimes(clock)
-    seen = locate(left, right, rig.stereo, part, tuning, rig.table, times, colour)
+    seen = locate(left, right, rig.stereo, part, tuning, rig.table, times, colour, among)
     took_s = clock.now() - started_at
     stages_ms = {stage: round(seconds * 1e3, 2) for stage, seconds in times.durations_s.items()}
     return {
-        **_result(scene.name, wanted.cls, seen, took_s),
+        **_result(scene.name, wanted.cls, part, seen, took_s),
+        **({"others": _others(seen, part, among)} if among else {}),
         "stages_ms": stages_ms,
         "notes": notes,
     }
+
+
+def _besides(part: PartModel, others: tuple[PartConfig, ...]) -> tuple[PartModel, ...]:
+    """Products that may lie there too, with codes of their own; without what the scene asks for itself."""
+    models = (other.model() for other in others if not _is_asked(part, other))
+    return tuple(replace(model, code=code) for code, model in enumerate(models, start=part.code + 1))
+
+
+def _is_asked(part: PartModel, other: PartConfig) -> bool:
+    """Whether a product file is what the scene asks for, by length, thickness and colour."""
+    if part.topology is not None:
+        return False
+    colour = ColourConfig.of(part.colour)
+    asked = PartConfig(
+        code=part.code,
+        name=part.name,
+        length_m=part.length_m,
+        length_tolerance_m=part.length_tolerance_m,
+        diameter_m=part.diameter_m,
+        colour=colour,
+    )
+    return not asked.apart_from(other)
+
+
+def _others(seen: Scene, part: PartModel, among: tuple[PartModel, ...]) -> list[Json]:
+    """The parts of other products: which, where, and why they could not be had now."""
+    names = {one.code: one.name for one in among}
+    return [
+        {
+            "product": names[candidate.part_code],
+            "p0": _mm(candidate.start),
+            "p1": _mm(candidate.end),
+            "score": round(candidate.score, 4),
+            "offered": candidate.offered,
+        }
+        for candidate in seen.recognised
+        if candidate.part_code != part.code
+    ]
 
 
 def _why_no_colour(part: PartModel, colour: Pixels | None, method: Method) -> list[str]:
@@ -160,7 +218,8 @@ def _problem(left: Grey, right: Grey, rig: Calibration) -> str | None:
     return None
 
 
-def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
+def _result(name: str, cls: str, part: PartModel, seen: Scene, took_s: float) -> Result:
+    recognised = tuple(one for one in seen.recognised if one.part_code == part.code)
     detections: list[Json] = [
         {
             "class": cls,
@@ -181,9 +240,9 @@ def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
                 for why in candidate.refusals
             ],
         }
-        for rank, candidate in enumerate(seen.recognised, start=1)
+        for rank, candidate in enumerate(recognised, start=1)
     ]
-    ranks = {id(candidate): rank for rank, candidate in enumerate(seen.recognised, start=1)}
+    ranks = {id(candidate): rank for rank, candidate in enumerate(recognised, start=1)}
     crossings: list[Json] = [
         {
             "above": ranks[id(seen.candidates[crossing.above])],
@@ -195,7 +254,8 @@ def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
         if id(seen.candidates[crossing.above]) in ranks and id(seen.candidates[crossing.below]) in ranks
     ]
     ends = zip(seen.segments.start, seen.segments.end, strict=True)
-    reasons = Counter(why.reason.name for candidate in seen.candidates for why in candidate.refusals)
+    mine = tuple(one for one in seen.candidates if one.part_code == part.code)
+    reasons = Counter(why.reason.name for candidate in mine for why in candidate.refusals)
     result: Result = {
         "scene": name,
         "time_ms": round(took_s * 1e3, 2),
@@ -205,18 +265,18 @@ def _result(name: str, cls: str, seen: Scene, took_s: float) -> Result:
         "row_offset_px": _number(seen.row_offset_px),
         "reasons": dict(reasons),
     }
-    if not seen.offered:
-        result["nothing"] = _why_nothing(seen)
+    if not any(one.offered for one in mine):
+        result["nothing"] = _why_nothing(mine)
     return result
 
 
-def _why_nothing(seen: Scene) -> str:
+def _why_nothing(seen: tuple[Candidate, ...]) -> str:
     """Why nothing can be picked, in words: what stands against the candidates, the commonest first."""
-    if not seen.candidates:
+    if not seen:
         return "nothing near the product's size was seen"
-    reasons = Counter(why.reason.value for candidate in seen.candidates for why in candidate.refusals)
+    reasons = Counter(why.reason.value for candidate in seen for why in candidate.refusals)
     said = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
-    return f"{len(seen.candidates)} seen, none to be had: {said}"
+    return f"{len(seen)} seen, none to be had: {said}"
 
 
 def _mm(point_m: Floats) -> list[Json]:

@@ -50,7 +50,8 @@ class OverlayWriter:
     def _write(self, look: Look) -> None:
         name = f"look-{look.pair.left.sequence:06d}-order-{look.order.request_id:05d}.png"
         try:
-            picture = draw(look.pair.left.pixels, look.scene, self._stereo, look.part.model())
+            among = tuple(part.model() for part in look.among)
+            picture = draw(look.pair.left.pixels, look.scene, self._stereo, look.part.model(), among)
             self._folder.mkdir(parents=True, exist_ok=True)
             done, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             if not done:

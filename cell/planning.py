@@ -70,8 +70,10 @@ def plan_picks(
     diameter_m: float,
     tool: Transform,
     missed: MissedParts,
+    code: int | None = None,
+    thickest_m: float | None = None,
 ) -> tuple[Plan, ...]:
-    """Plan every offered candidate, in the detector's order.
+    """Plan every offered candidate of a product, in the detector's order.
 
     Where none of them gives a pick and ``workspace.take_covered`` is set, the parts that are only covered by
     others are planned too: the least bad way to get on with a heap in which each lies on the next.
@@ -85,20 +87,29 @@ def plan_picks(
     workspace, jaws
         Where the fingers may go, and how big they are.
     diameter_m
-        Of the parts: the thickness of every obstacle.
+        Of the parts: the thickness of every obstacle, unless ``thickest_m`` is given.
     tool
         ``base_from_tool`` now; of the two equal jaw directions the nearer one is taken.
     missed
         Where grips failed lately: another place on the same part is preferred.
+    code
+        The product that is asked for, where several lie in one heap; None: every candidate is.
+    thickest_m
+        Of the heap's products, where they differ: what an obstacle is taken for.
     """
     obstacles = _obstacles(scene, base_from_camera)
+    thickest = diameter_m if thickest_m is None else thickest_m
     plans: list[Plan] = []
     for candidates in (scene.offered, _only_covered(scene) if workspace.take_covered else ()):
         if any(plan.pick is not None for plan in plans):
             break
         for candidate in candidates:
+            if code is not None and candidate.part_code != code:
+                continue
             start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
-            plans.append(_plan(candidate, start, end, obstacles, workspace, jaws, diameter_m, tool, missed))
+            near = _sampled(_others(start, end, obstacles, diameter_m))
+            plan = _plan(candidate, start, end, near, workspace, jaws, diameter_m, thickest, tool, missed)
+            plans.append(plan)
     return _ranked(plans)
 
 
@@ -134,10 +145,11 @@ def _plan(
     candidate: Candidate,
     start: Floats,
     end: Floats,
-    obstacles: Floats,
+    points: Floats,
     workspace: WorkspaceConfig,
     jaws: JawsConfig,
     diameter_m: float,
+    thickest_m: float,
     tool: Transform,
     missed: MissedParts,
 ) -> Plan:
@@ -153,7 +165,6 @@ def _plan(
             ),
         )
     yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
-    points = _sampled(_others(start, end, obstacles, diameter_m))
     across = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
     beyond_tool = np.array([0.0, 0.0, jaws.tip_beyond_tool_m])
@@ -169,11 +180,11 @@ def _plan(
             outside = min(outside, beyond)
             continue
         near = _in_tool(tips, yaw, points)
-        room = _clearance(near, tips, workspace, jaws) - diameter_m / 2
+        room = _clearance(near, tips, workspace, jaws) - thickest_m / 2
         best_room = max(best_room, room)
         if room < jaws.min_clearance_m:
             continue
-        gap_free = _gap(near, jaws) > diameter_m / 2
+        gap_free = _gap(near, jaws) > thickest_m / 2
         pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace)
         doubts = 2 * missed.grip(pick.grasp) + (not gap_free)
         if chosen is None or doubts < chosen[0]:

@@ -46,7 +46,7 @@ def nothing_to_pick(station: Station, order: PickOrder, look: Look, refused: lis
         outcome=outcome,
         detail=int(outcome),
         part_type=look.part.code,
-        seen=len(look.scene.candidates),
+        seen=len(look.candidates),
         refused=_counts(look, refused),
     )
 
@@ -71,14 +71,14 @@ def report(
         part_type=look.part.code,
         confidence=pick.score,
         pose=pick.grasp,
-        seen=len(look.scene.candidates),
+        seen=len(look.candidates),
         refused=_counts(look, refused),
     )
 
 
 def _counts(look: Look, refused: list[PlanRefused]) -> dict[str, int]:
     counts: dict[str, int] = {}
-    names = [why.reason.name for c in look.scene.candidates for why in c.refusals]
+    names = [why.reason.name for c in look.candidates for why in c.refusals]
     for name in [*names, *(why.reason.name for why in refused)]:
         counts[name] = counts.get(name, 0) + 1
     return counts

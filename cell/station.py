@@ -6,7 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from cell.config import CamerasConfig, JawsConfig, LineConfig, MotionConfig, PartConfig, WorkspaceConfig
+from cell.config import (
+    CamerasConfig,
+    JawsConfig,
+    LineConfig,
+    MotionConfig,
+    PartConfig,
+    WorkspaceConfig,
+    heap_of,
+)
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.planning import Plan
@@ -14,7 +22,7 @@ from cell.types import PickOrder
 from drivers.interfaces import Gripper, Robot, StereoRig
 from drivers.timing import Clock
 from drivers.types import FramePair, JointMotion, LineMotion
-from vision.types import Plane, Scene, StereoModel, Transform, Tuning
+from vision.types import Candidate, Plane, Scene, StereoModel, Transform, Tuning
 
 
 class Stage(Enum):
@@ -37,13 +45,22 @@ class Stage(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Look:
-    """One look: the pair, what was found, what planning made of it. Handed to whoever draws or records."""
+    """One look: the pair, what was found, what planning made of it. Handed to whoever draws or records.
+
+    ``among``: what else was told apart in it; ``plans`` are for the part of the order only.
+    """
 
     order: PickOrder
     part: PartConfig
     pair: FramePair
     scene: Scene
     plans: tuple[Plan, ...]
+    among: tuple[PartConfig, ...] = ()
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Those that are, or nearly are, the part of the order."""
+        return tuple(c for c in self.scene.candidates if c.part_code == self.part.code)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +88,11 @@ class Station:
     missed: MissedParts
     progress: Callable[[Stage], None]
     looked: Callable[[Look], None]
+    heaps: tuple[tuple[int, ...], ...] = ()
+
+    def among(self, part: PartConfig) -> tuple[PartConfig, ...]:
+        """What else lies in the heap of a product."""
+        return heap_of(part, self.parts, self.heaps)
 
     def part(self, code: int) -> PartConfig | None:
         """The product of a code; 0 means the only one, where there is only one."""

@@ -116,6 +116,7 @@ def build(
         table=calibration.table_of(known, config.workspace.floor_z_m),
         tuning=config.tuning.tuning(),
         parts=config.parts,
+        heaps=config.heaps,
         cameras=config.cameras,
         workspace=config.workspace,
         jaws=config.jaws,

@@ -94,10 +94,15 @@ def through_grid(grid: Floats, x: float, y: float) -> tuple[float, float]:
 
 def points_through_grid(grid: Floats, points_px: Floats) -> Floats:
     """`through_grid` for (N, 2) points."""
-    moved = np.empty((len(points_px), 2))
-    for row, (x, y) in enumerate(points_px.tolist()):
-        moved[row] = through_grid(grid, x, y)
+    moved = np.array(points_px, np.float64, order="C")
+    _move_through_grid(grid, moved)
     return moved
+
+
+@compiled
+def _move_through_grid(grid: Floats, points_px: Floats) -> None:
+    for row in range(len(points_px)):
+        points_px[row] = through_grid(grid, points_px[row, 0], points_px[row, 1])
 
 
 def in_space(ends_px: Floats, on: Canvas) -> Floats:

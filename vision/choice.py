@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, take
+from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, relate, take
 from vision.jit import compiled
 from vision.types import Bools
 
 ACCEPT_LENGTHS, KEEP_LENGTHS = 0.15, 0.15
 """Least gain of a part that is taken, and that stays, in part lengths and view."""
-LEAST_ALONE, RIVAL_SHARE = -0.5, 0.5
+LEAST_ALONE, RIVAL_SHARE = -0.5, 0.65
 LEAST_RISE = 0.02
 
 
@@ -175,6 +175,7 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
     about[k] = True
     before = _local(s, chosen, about)
     was = chosen.copy()
+    relate(s, k)
     give_back(s, i)
     chosen[i] = False
     for at_near in range(s.near_at[k], s.near_at[k + 1]):

@@ -68,6 +68,7 @@ class State(NamedTuple):
     pair: Reals
     spans: npt.NDArray[np.int16]
     rival: Bools
+    related: Bools
     size_px: float
     width_px: float
     diameter: float
@@ -105,7 +106,7 @@ def state(
     near_at, near = np.zeros(n + 1, np.int64), np.zeros(0, np.int64)
     if related:
         near_at, near = _neighbours(seen.ends, width_px + 2.0)
-    made = State(
+    return State(
         samples=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
         beyond_value=seen.beyond_value, beyond_edge=seen.beyond_edge,
@@ -117,11 +118,9 @@ def state(
         claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
         gain=np.zeros(n), near_at=near_at, near=near,
         pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
-        rival=np.zeros(len(near), np.bool_), size_px=length_px, width_px=width_px, diameter=diameter_m,
-        step_d=diameter_d,
+        rival=np.zeros(len(near), np.bool_), related=np.zeros(n, np.bool_),
+        size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
     )  # fmt: skip
-    _relate(made)
-    return made
 
 
 @compiled
@@ -267,29 +266,32 @@ def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
 
 
 @compiled
-def _relate(s: State) -> None:
-    """What each hypothesis is to each neighbour: distance and cosine of the axes, how far the neighbour lies
-    below it in either view, which of the neighbour's samples it covers, and whether both cannot be."""
-    for k in range(len(s.gain)):
-        for at in range(s.near_at[k], s.near_at[k + 1]):
-            h = s.near[at]
-            apart, cosine = _apart(s, h, k)
-            s.pair[at, 0], s.pair[at, 1] = apart, cosine
-            for view in range(2):
-                first, last, above = _overlap(s, h, k, view)
-                s.spans[at, view, 0], s.spans[at, view, 1] = first, last
-                s.pair[at, 2 + view] = above
-            rival = apart < THROUGH * s.diameter and cosine > PARALLEL
-            if not rival:
-                dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
-                ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
-                size, other = np.hypot(dx, dy), np.hypot(ex, ey)
-                if abs(dx * ex + dy * ey) > 0.98 * size * other:
-                    mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
-                    my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
-                    along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
-                    rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
-            s.rival[at] = rival
+def relate(s: State, k: int) -> None:
+    """What a hypothesis is to each of its neighbours, once it is needed: distance and cosine of the axes, how
+    far the neighbour lies below it in either view, which of the neighbour's samples it covers, and whether
+    both cannot be."""
+    if s.related[k]:
+        return
+    s.related[k] = True
+    for at in range(s.near_at[k], s.near_at[k + 1]):
+        h = s.near[at]
+        apart, cosine = _apart(s, h, k)
+        s.pair[at, 0], s.pair[at, 1] = apart, cosine
+        for view in range(2):
+            first, last, above = _overlap(s, h, k, view)
+            s.spans[at, view, 0], s.spans[at, view, 1] = first, last
+            s.pair[at, 2 + view] = above
+        rival = apart < THROUGH * s.diameter and cosine > PARALLEL
+        if not rival:
+            dx, dy = s.ends[h, 0, 2] - s.ends[h, 0, 0], s.ends[h, 0, 3] - s.ends[h, 0, 1]
+            ex, ey = s.ends[k, 0, 2] - s.ends[k, 0, 0], s.ends[k, 0, 3] - s.ends[k, 0, 1]
+            size, other = np.hypot(dx, dy), np.hypot(ex, ey)
+            if abs(dx * ex + dy * ey) > 0.98 * size * other:
+                mx = 0.5 * (s.ends[k, 0, 0] + s.ends[k, 0, 2] - s.ends[h, 0, 0] - s.ends[h, 0, 2])
+                my = 0.5 * (s.ends[k, 0, 1] + s.ends[k, 0, 3] - s.ends[h, 0, 1] - s.ends[h, 0, 3])
+                along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
+                rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
+        s.rival[at] = rival
 
 
 @compiled
@@ -319,6 +321,7 @@ def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
 @compiled
 def take(s: State, k: int, alive: Bools) -> None:
     """Choose k: claims, covers and conflicts of all others follow, and the gains of those it touches."""
+    relate(s, k)
     _claim(s, k, True)
     for at_near in range(s.near_at[k], s.near_at[k + 1]):
         h = s.near[at_near]

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.claims import State
+from vision.edges import Reals
 from vision.explain import Frame
-from vision.types import Floats
+from vision.jit import compiled
+from vision.types import Bools, Floats, Ints
 
 CLOSE_SHARE = 0.05
 """Crossings just beyond an end count: the end itself lies there."""
@@ -17,7 +19,11 @@ FLANK_WEIGHT = 3.0
 """How much the share of flanks that go on through a crossing weighs beside depth, in standard deviations."""
 LEAST_SIGMA_D = 0.15
 """Disparity of a crossing is never known better than this share of one diameter's."""
+SEEN = 0.3
+"""Least strength of a flank that is seen."""
 MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
+
+Counts = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,26 +41,17 @@ class Crossed:
 def crossed(parts: Floats, covariance: Floats, rows: list[int], state: State, frame: Frame) -> Crossed:
     """All crossings of parts (C, `COLUMNS`); ``rows`` are their places in the state."""
     count = len(parts)
-    above, sure = np.zeros((count, count)), np.zeros((count, count))
-    place, gap = np.full((count, count), np.nan), np.zeros((count, count))
-    shares, crosses = _meetings(parts)
-    for i in range(count):
-        for k in np.flatnonzero(crosses[i, i + 1 :]) + i + 1:
-            s, t = float(shares[i, k]), float(shares[k, i])
-            nearer = (1 - s) * parts[i, 3] + s * parts[i, 6] - (1 - t) * parts[k, 3] - t * parts[k, 6]
-            variance = _variance(covariance[i], s) + _variance(covariance[k], t)
-            sigma = float(np.sqrt(variance + (LEAST_SIGMA_D * frame.diameter_d) ** 2))
-            flanks = 0.0
-            if abs(nearer) < FLANK_WEIGHT * sigma:
-                flanks = _through(state, rows[i], s, parts[i], parts[k])
-                flanks -= _through(state, rows[k], t, parts[k], parts[i])
-            z = nearer / sigma + FLANK_WEIGHT * flanks
-            place[i, k], place[k, i] = s, t
-            gap[i, k], gap[k, i] = nearer, -nearer
-            upper, lower = (i, k) if z > 0 else (k, i)
-            above[upper, lower] = min(1.0, max(0.1, abs(nearer) / frame.diameter_d))
-            sure[upper, lower] = abs(z)
-    return Crossed(above=above, sure=sure, place=place, gap=gap)
+    found = Crossed(
+        above=np.zeros((count, count)),
+        sure=np.zeros((count, count)),
+        place=np.full((count, count), np.nan),
+        gap=np.zeros((count, count)),
+    )
+    _cross(
+        parts, covariance, np.array(rows, np.int64), state.samples, state.width, state.value,
+        frame.diameter_d, found.above, found.sure, found.place, found.gap,
+    )  # fmt: skip
+    return found
 
 
 def some_crossed(found: Crossed, count: int) -> Crossed:
@@ -72,46 +69,98 @@ def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
 
     Parts that are not offered stay where they are and go on weighing on what is below them.
     """
-    left = [n for n, good in enumerate(offered) if good]
-    weighing = list(range(len(offered)))
     weight = found.above * np.minimum(found.sure, 2.0) / 2.0
-    order = []
-    while left:
-        on = [(round(float(weight[weighing, n].sum()), 3), -float(worth[n]), n) for n in left]
-        best = min(on)[2]
-        order.append(best)
-        left.remove(best)
-        weighing.remove(best)
+    taken: list[int] = _ranked(weight, worth, np.array(offered, np.bool_)).tolist()
+    return taken
+
+
+@compiled
+def _ranked(weight: Floats, worth: Floats, offered: Bools) -> Ints:
+    count = len(offered)
+    on = np.zeros(count)
+    gone = np.zeros(count, np.bool_)
+    order = np.empty(offered.sum(), np.int64)
+    for place in range(len(order)):
+        best = -1
+        for n in range(count):
+            if gone[n] or not offered[n]:
+                continue
+            total = 0.0
+            for other in range(count):
+                if not gone[other]:
+                    total += weight[other, n]
+            on[n] = np.round(total, 3)
+            if best < 0 or on[n] < on[best] or (on[n] == on[best] and worth[n] > worth[best]):
+                best = n
+        order[place] = best
+        gone[best] = True
     return order
 
 
-def _meetings(parts: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """(C, C) where on the left image of part i it crosses that of k, share of its length; whether it does."""
-    start, way = parts[:, 1:3], parts[:, 4:6] - parts[:, 1:3]
-    cross = way[:, None, 0] * way[None, :, 1] - way[:, None, 1] * way[None, :, 0]
-    away = start[None] - start[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (away[..., 0] * way[None, :, 1] - away[..., 1] * way[None, :, 0]) / cross
-    inside = (np.abs(cross) > 1e-6) & (share >= -CLOSE_SHARE) & (share <= 1 + CLOSE_SHARE)
-    return np.asarray(share, np.float64), inside & inside.T
+@compiled
+def _cross(
+    parts: Floats, covariance: Floats, rows: Ints, samples: Counts, width: Floats, value: Reals,
+    diameter_d: float, above: Floats, sure: Floats, place: Floats, gap: Floats,
+) -> None:  # fmt: skip
+    """Every pair that crosses in the left picture, into tables (C, C)."""
+    for i in range(len(parts)):
+        for k in range(i + 1, len(parts)):
+            s, t = _meeting(parts[i], parts[k]), _meeting(parts[k], parts[i])
+            if not (-CLOSE_SHARE <= s <= 1 + CLOSE_SHARE and -CLOSE_SHARE <= t <= 1 + CLOSE_SHARE):
+                continue
+            nearer = (1 - s) * parts[i, 3] + s * parts[i, 6] - (1 - t) * parts[k, 3] - t * parts[k, 6]
+            variance = _variance(covariance[i], s) + _variance(covariance[k], t)
+            sigma = np.sqrt(variance + (LEAST_SIGMA_D * diameter_d) ** 2)
+            flanks = 0.0
+            if abs(nearer) < FLANK_WEIGHT * sigma:
+                flanks = _through(samples, width, value, rows[i], s, parts[i], parts[k])
+                flanks -= _through(samples, width, value, rows[k], t, parts[k], parts[i])
+            z = nearer / sigma + FLANK_WEIGHT * flanks
+            place[i, k], place[k, i] = s, t
+            gap[i, k], gap[k, i] = nearer, -nearer
+            upper, lower = (i, k) if z > 0 else (k, i)
+            above[upper, lower] = min(1.0, max(0.1, abs(nearer) / diameter_d))
+            sure[upper, lower] = abs(z)
 
 
+@compiled
+def _meeting(own: Floats, other: Floats) -> float:
+    """Where on the left image of a part another's line crosses it, share of its length; NaN if along it."""
+    ax, ay = own[4] - own[1], own[5] - own[2]
+    bx, by = other[4] - other[1], other[5] - other[2]
+    cross = ax * by - ay * bx
+    if abs(cross) <= 1e-6:
+        return np.nan
+    return float(((other[1] - own[1]) * by - (other[2] - own[2]) * bx) / cross)
+
+
+@compiled
 def _variance(covariance: Floats, share: float) -> float:
     """Of the disparity at a place of the axis, px squared."""
     a, b = 1 - share, share
     return float(a * a * covariance[2, 2] + 2 * a * b * covariance[2, 5] + b * b * covariance[5, 5])
 
 
-def _through(state: State, row: int, share: float, own: Floats, other: Floats) -> float:
+@compiled
+def _through(
+    samples: Counts, width: Floats, value: Reals, row: int, share: float, own: Floats, other: Floats
+) -> float:
     """Share of a part's flanks that are seen where the other crosses it, mean of both pictures."""
-    a, b = own[4:6] - own[1:3], other[4:6] - other[1:3]
-    sine = abs(float(a[0] * b[1] - a[1] * b[0])) / float(np.hypot(*a) * np.hypot(*b))
-    reach = 0.5 * float(np.mean(state.width[row])) / max(sine, 0.15) / float(np.hypot(*a))
-    seen = []
+    ax, ay, bx, by = own[4] - own[1], own[5] - own[2], other[4] - other[1], other[5] - other[2]
+    size = np.hypot(ax, ay)
+    sine = abs(ax * by - ay * bx) / (size * np.hypot(bx, by))
+    reach = 0.25 * (width[row, 0] + width[row, 1]) / max(sine, 0.15) / size
+    total, views = 0.0, 0
     for view in range(2):
-        steps = int(state.samples[row, view])
+        steps = samples[row, view]
         first = max(0, int((share - reach) * steps))
         last = min(steps, int(np.ceil((share + reach) * steps)))
         if last > first:
-            seen.append(float((state.value[row, view, first:last] > 0.3).mean()))
-    return float(np.mean(seen)) if seen else 0.0
+            seen = 0
+            for q in range(first, last):
+                for side in range(2):
+                    if value[row, view, q, side] > SEEN:
+                        seen += 1
+            total += seen / (2 * (last - first))
+            views += 1
+    return total / views if views > 0 else 0.0

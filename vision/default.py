@@ -7,18 +7,19 @@ chosen, measured on its own edges, and offered or refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vision import binarize, graph, thin
 from vision.canvas import canvas, disparity_planes, in_space, points_through_grid
-from vision.crossings import crossed, some_crossed
+from vision.colour import Colour
+from vision.crossings import crossed
 from vision.edges import Edges, edges
-from vision.explain import Explanation, Frame, explain
+from vision.explain import Frame, explain
 from vision.foreground import Foreground, stands_out
-from vision.offer import Colour, Offered, candidates, is_plain, unexplained
+from vision.glance import at_first_sight
+from vision.offer import Offered, candidates, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
@@ -26,7 +27,8 @@ from vision.published import Observer, depth_gate_m, require_pictures
 from vision.rows import row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
-from vision.strays import strays
+from vision.sizes import Size, lead, of_one_width, sizes_of, weighing_length_m
+from vision.sizes import pool as propose
 from vision.types import (
     CameraModel,
     Floats,
@@ -44,7 +46,6 @@ from vision.types import (
     View,
     read_only,
 )
-from vision.windows import windows
 
 LINE_SLACK_PX = 3.0
 MOST_FIRST = 3
@@ -73,68 +74,68 @@ def locate_default(
     table: Plane | None = None,
     observe: Observer | None = None,
     colour_left: Colour | None = None,
+    among: tuple[PartModel, ...] = (),
 ) -> Scene:
     """Find parts in a calibrated stereo pair with the project's own method.
 
-    Straight parts here, parts with a topology by `vision.shapes`.
+    Straight parts of one width here, parts with a topology by `vision.shapes`.
+
+    Parameters as for `vision.locate.locate`, and the same errors.
 
     Parameters
     ----------
-    left_grey, right_grey : (H, W) uint8
-        Raw pictures of the two calibrated cameras.
-    stereo_model, part, tuning, table
-        See their records. Without ``tuning.depth_m`` a table is needed. ``tuning.band`` replaces the
-        adaptive foreground.
     observe
         Called with ``binarize``, ``graph``, ``edges``, ``lines`` (pairs left, right), ``windows``,
         ``explain``, ``rows``, ``polish`` and ``retrieve``; and with ``first``, before the rest is
         explained, where a part is certain already: a `Scene` that is not complete.
-    colour_left : (H, W, 3) uint8 BGR
-        Needed for parts with a colour.
+    among
+        Other products that may lie there, straight and as thick as ``part``: candidates say which product
+        they are, and the first answer is of ``part`` only.
 
     Returns
     -------
     Scene
         Views are in raw pixels; candidates and segments in the raw left camera frame.
-
-    Raises
-    ------
-    ValueError
-        Pictures of a wrong type or size, neither a depth range nor a table, or a part with a colour and no
-        colour picture.
     """
+    if among and not of_one_width(part, among):
+        raise ValueError(f"not all of {', '.join(p.name for p in (part, *among))} are rods of one width")
     if part.topology is not None:
         return locate_shapes(left_grey, right_grey, stereo_model, part, tuning, table, observe)
     require_pictures(left_grey, right_grey, stereo_model)
-    if part.colour is not None and colour_left is None:
-        raise ValueError(
-            f"part {part.name} is told by its colour; a colour picture of the left camera is needed"
-        )
+    parts = (part, *among)
+    for told in parts:
+        if told.colour is not None and colour_left is None:
+            raise ValueError(
+                f"part {told.name} is told by its colour; a colour picture of the left camera is needed"
+            )
     tell = observe or _nobody
-    frame = frame_of(stereo_model, part, tuning, table)
+    frame = frame_of(stereo_model, replace(part, length_m=weighing_length_m(parts)), tuning, table)
+    sizes = sizes_of(parts, frame)
     greys = (left_grey, right_grey)
     pictures = _look(greys, frame, tuning, 0.0, tell)
 
-    def early(found: Explanation) -> None:
-        first = _first(found, pictures, greys, frame, tuning, table, colour_left)
-        if first is not None:
-            tell("first", first)
-
-    found, pool = _explain(pictures, frame, tell, early)
+    pool = _propose(pictures, frame, sizes, tell)
+    first = _first(pool, pictures, greys, sizes, tuning, table, colour_left)
+    if first is not None:
+        tell("first", first)
+    found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+    tell("explain", found)
     offset = row_offset(found, pictures[0].edges, pictures[1].edges, frame)
     tell("rows", offset)
     if offset.significant:
         pictures = _look(greys, frame, tuning, -offset.px, tell)
-        found, pool = _explain(pictures, frame, tell)
+        pool = _propose(pictures, frame, sizes, tell)
+        found = explain(pool, pictures[0].edges, pictures[1].edges, frame)
+        tell("explain", found)
     shift = -offset.px if offset.significant else 0.0
     measured = polish(found, pictures[0].edges, pictures[1].edges, greys, shift, frame)
     tell("polish", measured)
     over = crossed(measured.parts, measured.covariance, found.chosen, found.state, frame)
-    offered = candidates(
-        measured, found, over, frame, tuning, table, colour_left, offset.px if offset.significant else 0.0
-    )
+    off_px = offset.px if offset.significant else 0.0
+    ahead = lead(found, sizes)
+    offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
     tell("retrieve", offered.candidates)
-    return _scene(offered, measured, pictures, frame, pool, offset.px if offset.significant else 0.0)
+    return _scene(offered, measured, pictures, frame, pool, off_px)
 
 
 def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: Plane | None) -> Frame:
@@ -213,75 +214,47 @@ def _view(grey: Grey, mask: Mask, found: Foreground, tuning: Tuning) -> View:
     )
 
 
-def _explain(
-    pictures: tuple[_Picture, _Picture],
-    frame: Frame,
-    tell: Observer,
-    early: Callable[[Explanation], None] | None = None,
-) -> tuple[Explanation, Floats]:
+def _propose(
+    pictures: tuple[_Picture, _Picture], frame: Frame, sizes: tuple[Size, ...], tell: Observer
+) -> Floats:
     # two lines tell the disparity at their ends to a few pixels only; the refined part is held to the heights
     slack = np.array([0.0, 0.0, LINE_SLACK_PX])
     planes = np.stack([frame.low - slack, frame.high + slack])
-    lines_of = (pictures[0].lines, pictures[1].lines)
-    length_m, length_px = frame.part.length_m, frame.length_px
-    pool = np.concatenate(
-        [
-            windows(*lines_of, frame.on, planes, length_m, frame.width_px, length_px, frame.unit),
-            strays(*lines_of, frame.on, planes, length_m, length_px, frame.unit),
-        ]
-    )
+    pool = propose(pictures[0].lines, pictures[1].lines, planes, sizes)
     tell("windows", pool)
-    found = explain(pool, pictures[0].edges, pictures[1].edges, frame, early)
-    tell("explain", found)
-    return found, pool
+    return pool
 
 
 def _first(
-    found: Explanation,
+    pool: Floats,
     pictures: tuple[_Picture, _Picture],
     greys: tuple[Grey, Grey],
-    frame: Frame,
+    sizes: tuple[Size, ...],
     tuning: Tuning,
     table: Plane | None,
     colour: Colour | None,
 ) -> Scene | None:
-    """A scene with the parts that are certain already: seen whole in both pictures, ends and all, nothing
-    over them, and rows that agree. None where there is no such part. Its segments are everything chosen so
-    far."""
-    plain = [row for row in range(len(found.chosen)) if is_plain(found, row, frame)]
-    if not plain:
+    """A scene with the parts of the first product that are certain already: seen whole in both pictures, ends
+    and all, nothing over them, and rows that agree. None where there is no such part. Its segments are these
+    parts, and the pieces of the graph that nobody has explained yet."""
+    frame, wanted = sizes[0].frame, sizes[0].parts[0].code
+    left, right = pictures[0].edges, pictures[1].edges
+    found = at_first_sight(pool, left, right, frame)
+    if found is None or row_offset(found, left, right, frame).significant:
         return None
-    if row_offset(found, pictures[0].edges, pictures[1].edges, frame).significant:
-        return None
-    best = sorted(plain, key=lambda row: -found.margin[row])[:MOST_FIRST]
-    few = replace(found, chosen=[found.chosen[row] for row in best], margin=found.margin[best])
-    measured = polish(few, pictures[0].edges, pictures[1].edges, greys, 0.0, frame)
-    rest = [row for row in range(len(found.chosen)) if row not in best]
-    others = found.hypotheses[[found.chosen[row] for row in rest]]
-    parts = np.concatenate([measured.parts, others])
-    covariance = np.concatenate([measured.covariance, np.repeat(np.eye(6)[None], len(others), axis=0)])
-    rows = [*few.chosen, *(found.chosen[row] for row in rest)]
-    over = crossed(parts, covariance, rows, found.state, frame)
-    free = [place for place in range(len(best)) if not over.above[:, place].any()]
-    if not free:
-        return None
-    offered = candidates(measured, few, some_crossed(over, len(best)), frame, tuning, table, colour, 0.0)
+    best = replace(found, chosen=found.chosen[:MOST_FIRST], margin=found.margin[:MOST_FIRST])
+    measured = polish(best, left, right, greys, 0.0, frame)
+    over = crossed(measured.parts, measured.covariance, best.chosen, best.state, frame)
+    offered = candidates(measured, best, over, frame, tuning, table, colour, 0.0, sizes)
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)
-        if candidate.offered and row in free
+        if candidate.offered and candidate.part_code == wanted and not over.above[:, row].any()
     )
     if not kept:
         return None
-    everything = replace(
-        measured,
-        parts=parts,
-        bow_px=np.concatenate([measured.bow_px, np.full(len(others), np.nan)]),
-    )
-    scene = _scene(
-        Offered(candidates=kept, crossings=(), rows=[]), everything, pictures, frame, found.hypotheses, 0.0
-    )
-    return replace(scene, complete=False)
+    alone = Offered(candidates=kept, crossings=(), rows=[])
+    return replace(_scene(alone, measured, pictures, frame, pool, 0.0), complete=False)
 
 
 def _scene(

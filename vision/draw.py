@@ -35,6 +35,7 @@ GREEN: Final = (90, 220, 60)
 BRIGHT: Final = (120, 255, 120)
 ORANGE: Final = (40, 150, 255)
 RED: Final = (70, 70, 235)
+BLUE: Final = (255, 150, 60)
 NODE: Final = (255, 200, 60)
 WHITE: Final = (245, 245, 245)
 DARK: Final = (25, 25, 25)
@@ -106,21 +107,28 @@ class _Sheet:
         return int(corners @ [1, -1, -1, 1])
 
 
-def draw(picture_left: Grey | Picture, scene: Scene, stereo_model: StereoModel, part: PartModel) -> Picture:
+def draw(
+    picture_left: Grey | Picture,
+    scene: Scene,
+    stereo_model: StereoModel,
+    part: PartModel,
+    among: tuple[PartModel, ...] = (),
+) -> Picture:
     """Overlay of a scene on the raw left picture.
 
     Offered candidates are green with their rank, the first ones with their length in mm, the first of all
-    brighter; refused ones are thin, orange when size or place is wrong and red otherwise, the first few with
-    the reason and its number. A part that lies over another has two short rails there, as bridges have on
-    maps; where the order is not certain there is a small ring. Dots are nodes of the left graph. A line below
-    the picture says what was done, a second one that the rows of the pictures had to be corrected.
+    brighter; parts of other products are blue with their name; refused ones are thin, orange when size or
+    place is wrong and red otherwise, the first few with the reason and its number. A part that lies over
+    another has two short rails there, as bridges have on maps; where the order is not certain there is a
+    small ring. Dots are nodes of the left graph. A line below the picture says what was done, a second one
+    that the rows of the pictures had to be corrected.
 
     Parameters
     ----------
     picture_left : (H, W) or (H, W, 3) uint8
         Raw left picture, grey or BGR; not changed.
-    scene, stereo_model, part
-        What was found in it, with which cameras, looking for what.
+    scene, stereo_model, part, among
+        What was found in it, with which cameras, looking for what, and what else may lie there.
 
     Returns
     -------
@@ -138,15 +146,22 @@ def draw(picture_left: Grey | Picture, scene: Scene, stereo_model: StereoModel, 
             f"not {picture_left.dtype} {picture_left.shape}"
         )
     picture = _ground(picture_left)
+    busy = np.zeros(picture.shape[:2], np.uint8)
     nodes = _nodes_px(scene, stereo_model)
     for u, v in _drawn(nodes[np.isfinite(nodes).all(axis=1)]).tolist():
         cv2.circle(picture, (u, v), 3 << SHIFT, NODE, -1, cv2.LINE_AA, SHIFT)
-    refused = [c for c in scene.candidates if not c.offered]
-    busy = np.zeros(picture.shape[:2], np.uint8)
+    products = {one.code: one for one in among}
+    others = [c for c in scene.recognised if c.part_code in products]
+    mine = [c for c in scene.candidates if not any(c is other for other in others)]
+    refused = [c for c in mine if not c.offered]
     for candidate in reversed(refused):
         paths = _paths(candidate, part, stereo_model)
         cv2.polylines(picture, paths, False, _refused_colour(candidate), 1, cv2.LINE_AA, SHIFT)
-    ranks = list(enumerate(scene.offered, start=1))
+    for candidate in others:
+        paths = _paths(candidate, products[candidate.part_code], stereo_model)
+        _outline(picture, paths, BLUE, first=False)
+        cv2.polylines(busy, paths, False, 1, 6, cv2.LINE_8, SHIFT)
+    ranks = list(enumerate((c for c in mine if c.offered), start=1))
     for rank, candidate in reversed(ranks):
         paths = _paths(candidate, part, stereo_model)
         _outline(picture, paths, BRIGHT if rank == 1 else GREEN, rank == 1)
@@ -159,12 +174,16 @@ def draw(picture_left: Grey | Picture, scene: Scene, stereo_model: StereoModel, 
         colour = BRIGHT if rank == 1 else GREEN
         size = 0.55 if rank <= NAMED else 0.45
         _label(sheet, text, _anchors(candidate, stereo_model), colour, size, first=rank == 1)
+    for candidate in others:
+        text = products[candidate.part_code].name
+        _label(sheet, text, _anchors(candidate, stereo_model), BLUE, 0.42, most=REFUSED_MOST)
     for candidate in refused[:REFUSED_NAMED]:
         text = refusal_text(candidate.refusals[0])
         anchors, colour = _anchors(candidate, stereo_model), _refused_colour(candidate)
         _label(sheet, text, anchors, colour, 0.42, most=REFUSED_MOST)
     _write(sheet.pixels, sheet.labels)
-    return np.concatenate([sheet.pixels, _legend(scene, part, sheet.pixels.shape[1])])
+    counts = (len(ranks), len(refused), len(others))
+    return np.concatenate([sheet.pixels, _legend(scene, part, counts, sheet.pixels.shape[1])])
 
 
 def refusal_text(refused: Refused) -> str:
@@ -322,18 +341,19 @@ def _overlap(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def _legend(scene: Scene, part: PartModel, width: int) -> Picture:
+def _legend(scene: Scene, part: PartModel, counts: tuple[int, int, int], width: int) -> Picture:
     nodes = "/".join(str(len(view.graph.points)) for view in (scene.left, scene.right))
     bands = "/".join(f"{low}-{high}" for low, high in (scene.left.band, scene.right.band))
-    refused = len(scene.candidates) - len(scene.offered)
+    offered, refused, others = counts
     links = (
         f"{len(scene.matches.left)} matched"
         if scene.method == "published"
         else (f"{len(scene.crossings)} crossings")
     )
     done = (
-        f"{scene.method}   {part.name} {part.length_m * 1e3:.0f} mm   {len(scene.offered)} offered, "
-        f"{refused} refused   nodes {nodes}, {links}   band {bands}"
+        f"{scene.method}   {part.name} {part.length_m * 1e3:.0f} mm   {offered} offered, "
+        f"{refused} refused{f', {others} of other products' if others else ''}   nodes {nodes}, {links}   "
+        f"band {bands}"
     )
     lines = [(done, WHITE)]
     if scene.row_offset_px:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import Canvas, through_grid
+from vision.canvas import GRID_PX, Canvas
 from vision.jit import compiled
 from vision.types import Floats, Grey, Mask, read_only
 
@@ -26,6 +26,10 @@ LEAST_SHARE, FULL_SHARE = 0.03, 0.16
 LEAST_SLOPE_GREY = 1.2
 """Per px; below this sensor noise makes edges everywhere."""
 NEAR_MASK_PX = 3
+_REACH = 3
+_KERNEL: Reals = np.asarray(
+    cv2.getGaussianKernel(2 * _REACH + 1, SMOOTHING_PX, cv2.CV_32F)[:, 0].copy(), np.float32
+)
 X, Y, UX, UY, STRENGTH = 0, 1, 2, 3, 4
 
 
@@ -71,30 +75,67 @@ def edges(
     border = NEAR_MASK_PX + 4
     top, bottom = max(0, int(rows[0]) - border), min(grey.shape[0], int(rows[-1]) + border + 1)
     first, last = max(0, int(columns[0]) - border), min(grey.shape[1], int(columns[-1]) + border + 1)
-    window = np.ascontiguousarray(grey[top:bottom, first:last], np.float32)
-    smooth = cv2.GaussianBlur(window, (0, 0), SMOOTHING_PX)
-    gx = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125), np.float32)
-    gy = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125), np.float32)
-    slope = np.asarray(cv2.magnitude(gx, gy), np.float32)
+    window = np.ascontiguousarray(grey[top:bottom, first:last])
     inside = np.ascontiguousarray(mask[top:bottom, first:last]).view(np.uint8)
     side_px = 2 * NEAR_MASK_PX + 1
     near = np.asarray(cv2.dilate(inside, np.ones((side_px, side_px), np.uint8)), np.uint8)
     least = max(LEAST_SLOPE_GREY, LEAST_SHARE * contrast_grey)
     found, count = _extract(
-        gx, gy, slope, near, least, max(1.0, FULL_SHARE * contrast_grey),
+        window, near, _KERNEL, least, max(1.0, FULL_SHARE * contrast_grey),
         on.from_raw[side], float(first), float(top), row_shift_px, at,
     )  # fmt: skip
     around = np.ascontiguousarray(ground[top:bottom, first:last]).view(np.uint8)
     _draw_ground(around, on.from_raw[side], first, top, row_shift_px, drawn)
-    return Edges(table=read_only(found[:count].copy()), at=at, ground=drawn)
+    # distortion may tear the mask by one pixel
+    whole = np.asarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)), np.uint8)
+    return Edges(table=read_only(found[:count].copy()), at=at, ground=whole)
+
+
+@compiled
+def _smooth(grey: Grey, y: int, kernel: Reals, column: Reals, into: Reals) -> None:
+    """One row of the picture under a Gaussian, mirrored at its border; ``column`` is scratch, `_REACH` wider
+    on both sides."""
+    rows, columns = grey.shape
+    column[:] = 0.0
+    for k in range(-_REACH, _REACH + 1):
+        row = abs(y + k)
+        row = min(row, 2 * (rows - 1) - row) if rows > _REACH else min(row, rows - 1)
+        share = kernel[k + _REACH]
+        line = grey[row]
+        for x in range(columns):
+            column[x + _REACH] += share * np.float32(line[x])
+    for k in range(1, _REACH + 1):
+        column[_REACH - k] = column[_REACH + min(k, columns - 1)]
+        column[_REACH + columns - 1 + k] = column[_REACH + columns - 1 - min(k, columns - 1)]
+    k0, k1, k2, k3 = kernel[_REACH], kernel[_REACH + 1], kernel[_REACH + 2], kernel[_REACH + 3]
+    for x in range(columns):
+        into[x] = (
+            k0 * column[x + 3]
+            + k1 * (column[x + 2] + column[x + 4])
+            + k2 * (column[x + 1] + column[x + 5])
+            + k3 * (column[x] + column[x + 6])
+        )
+
+
+@compiled
+def _slopes(above: Reals, here: Reals, below: Reals, gx: Reals, gy: Reals, slope: Reals) -> None:
+    """Gradient of one row of grey by Sobel's masks, per px, and its size; the two border columns are 0."""
+    eighth, two = np.float32(0.125), np.float32(2.0)
+    for x in range(1, len(here) - 1):
+        across = (above[x + 1] + two * here[x + 1] + below[x + 1]) - (
+            above[x - 1] + two * here[x - 1] + below[x - 1]
+        )
+        down = (below[x - 1] + two * below[x] + below[x + 1]) - (above[x - 1] + two * above[x] + above[x + 1])
+        gx[x] = eighth * across
+        gy[x] = eighth * down
+        slope[x] = eighth * np.sqrt(across * across + down * down)
 
 
 @compiled
 def _extract(
-    gx: Reals,
-    gy: Reals,
-    slope: Reals,
-    near: npt.NDArray[np.uint8],
+    grey: Grey,
+    near_mask: npt.NDArray[np.uint8],
+    kernel: Reals,
     least: float,
     full: float,
     grid: Floats,
@@ -103,40 +144,68 @@ def _extract(
     row_shift: float,
     at: Ids,
 ) -> tuple[Reals, int]:
-    """Non-maximum suppression along the gradient, parabola through three slopes, then onto the canvas."""
-    rows, columns = slope.shape
+    """Non-maximum suppression along the gradient, parabola through three slopes, then onto the canvas.
+
+    Row by row: only the last three smooth rows and the last three rows of slopes are kept.
+    """
+    rows, columns = grey.shape
     found = np.empty((rows * columns // 3 + 1, 5), np.float32)
     count = 0
-    for y in range(2, rows - 2):
+    column_sums = np.empty(columns + 2 * _REACH, np.float32)
+    smooth, gx, gy = np.zeros((3, 3, columns), np.float32)
+    slope = np.zeros((3, columns), np.float32)
+    for ahead_y in range(rows):
+        _smooth(grey, ahead_y, kernel, column_sums, smooth[ahead_y % 3])
+        if ahead_y < 2:
+            continue
+        now = (ahead_y - 1) % 3
+        _slopes(smooth[(ahead_y - 2) % 3], smooth[now], smooth[ahead_y % 3], gx[now], gy[now], slope[now])
+        y = ahead_y - 2
+        if y < 2:
+            continue
+        near, own_x, own_y = near_mask[y], gx[y % 3], gy[y % 3]
+        own, above, below = slope[y % 3], slope[(y - 1) % 3], slope[(y + 1) % 3]
         for x in range(2, columns - 2):
-            here = slope[y, x]
-            if here < least or near[y, x] == 0:
+            if near[x] == 0:
                 continue
-            ux = gx[y, x] / here
-            uy = gy[y, x] / here
-            px, py = x + ux, y + uy
-            i, j = int(px), int(py)
-            fx, fy = px - i, py - j
-            ahead = (slope[j, i] * (1 - fx) + slope[j, i + 1] * fx) * (1 - fy) + (
-                slope[j + 1, i] * (1 - fx) + slope[j + 1, i + 1] * fx
+            here = own[x]
+            if here < least:
+                continue
+            ux = own_x[x] / here
+            uy = own_y[x] / here
+            # the rows the direction leads to, and where it comes from
+            ahead_row, behind_row = (below, above) if uy >= 0.0 else (above, below)
+            px, fy = x + ux, abs(uy)
+            i = int(px)
+            fx = px - i
+            ahead = (own[i] * (1 - fx) + own[i + 1] * fx) * (1 - fy) + (
+                ahead_row[i] * (1 - fx) + ahead_row[i + 1] * fx
             ) * fy
             if here < ahead:
                 continue
-            px, py = x - ux, y - uy
-            i, j = int(px), int(py)
-            fx, fy = px - i, py - j
-            behind = (slope[j, i] * (1 - fx) + slope[j, i + 1] * fx) * (1 - fy) + (
-                slope[j + 1, i] * (1 - fx) + slope[j + 1, i + 1] * fx
+            px = x - ux
+            i = int(px)
+            fx = px - i
+            behind = (own[i] * (1 - fx) + own[i + 1] * fx) * (1 - fy) + (
+                behind_row[i] * (1 - fx) + behind_row[i + 1] * fx
             ) * fy
             if here <= behind:
                 continue
             bend = behind - 2 * here + ahead
             off = min(max(0.5 * (behind - ahead) / bend, -0.5), 0.5) if bend < -1e-6 else 0.0
             ex, ey = left + x + off * ux, top + y + off * uy
-            cx, cy = through_grid(grid, ex, ey)
-            dx, dy = through_grid(grid, ex + ux, ey + uy)
-            dx -= cx
-            dy -= cy
+            # bilinear within the grid's cell: where the place and its direction lie on the canvas
+            qx, qy = ex / GRID_PX, ey / GRID_PX
+            i = min(max(int(qx), 0), grid.shape[1] - 2)
+            j = min(max(int(qy), 0), grid.shape[0] - 2)
+            fx, fy = qx - i, qy - j
+            ax, ay, bx, by = grid[j, i, 0], grid[j, i, 1], grid[j, i + 1, 0], grid[j, i + 1, 1]
+            px, py = grid[j + 1, i, 0], grid[j + 1, i, 1]
+            sx, sy = grid[j + 1, i + 1, 0], grid[j + 1, i + 1, 1]
+            cx = (ax * (1 - fx) + bx * fx) * (1 - fy) + (px * (1 - fx) + sx * fx) * fy
+            cy = (ay * (1 - fx) + by * fx) * (1 - fy) + (py * (1 - fx) + sy * fx) * fy
+            dx = ux * ((bx - ax) * (1 - fy) + (sx - px) * fy) + uy * ((px - ax) * (1 - fx) + (sx - bx) * fx)
+            dy = ux * ((by - ay) * (1 - fy) + (sy - py) * fy) + uy * ((py - ay) * (1 - fx) + (sy - by) * fx)
             size = np.sqrt(dx * dx + dy * dy)
             cy += row_shift
             column, row = int(cx + 0.5), int(cy + 0.5)
@@ -165,14 +234,29 @@ def _draw_ground(
     row_shift: float,
     ground: npt.NDArray[np.uint8],
 ) -> None:
-    """Marks the canvas pixels round every mask pixel: distortion may tear the mask by one pixel."""
+    """Marks the canvas pixel of every mask pixel.
+
+    Along a row of the picture the way to the canvas is straight within each cell of the grid.
+    """
     rows, columns = inside.shape
+    high, wide = ground.shape
     for y in range(rows):
-        for x in range(columns):
-            if inside[y, x] == 0:
-                continue
-            cx, cy = through_grid(grid, float(left + x), float(top + y))
-            column, row = int(cx + 0.5), int(cy + row_shift + 0.5)
-            for j in range(max(0, row - 1), min(ground.shape[0], row + 2)):
-                for i in range(max(0, column - 1), min(ground.shape[1], column + 2)):
-                    ground[j, i] = 1
+        gy = (top + y) / GRID_PX
+        j = min(max(int(gy), 0), grid.shape[0] - 2)
+        fy = gy - j
+        x = 0
+        while x < columns:
+            i = min((left + x) // GRID_PX, grid.shape[1] - 2)
+            stop = min(columns, (i + 1) * GRID_PX - left) if i < grid.shape[1] - 2 else columns
+            ax = (1 - fy) * grid[j, i, 0] + fy * grid[j + 1, i, 0]
+            ay = (1 - fy) * grid[j, i, 1] + fy * grid[j + 1, i, 1]
+            bx = ((1 - fy) * grid[j, i + 1, 0] + fy * grid[j + 1, i + 1, 0] - ax) / GRID_PX
+            by = ((1 - fy) * grid[j, i + 1, 1] + fy * grid[j + 1, i + 1, 1] - ay) / GRID_PX
+            ax, ay = ax + 0.5, ay + row_shift + 0.5
+            begin = left - i * GRID_PX
+            for k in range(x, stop):
+                if inside[y, k] != 0:
+                    column, row = int(ax + (begin + k) * bx), int(ay + (begin + k) * by)
+                    if 0 <= row < high and 0 <= column < wide:
+                        ground[row, column] = 1
+            x = stop

@@ -7,7 +7,6 @@ nobody else claims, from several places near by, and the set is chosen anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,7 @@ TILT_SHARE = 0.06
 LENGTH_SIGMA_SHARE = 0.005
 LENGTH_SHARE = 0.08
 SAME_PX = 0.6
-ROUNDS = 3
+ROUNDS = 2
 DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 """Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
 NUDGE_PX = 2.0
@@ -78,38 +77,27 @@ class Explanation:
     seen: Traits
 
 
-def explain(
-    pool: Floats,
-    left: Edges,
-    right: Edges,
-    frame: Frame,
-    early: Callable[[Explanation], None] | None = None,
-) -> Explanation:
-    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures.
-
-    ``early`` gets the first greedy choice: what is plain to see in it will not change any more.
-    """
+def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation:
+    """Choose from a pool of hypotheses (N, `COLUMNS`), best first, the parts that explain both pictures."""
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
     hypotheses = np.ascontiguousarray(pool[outstanding(pool, frame.width_px, frame.length_px)])
-    settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 4.0)
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 3, 6.0)
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
-    hypotheses = np.ascontiguousarray(hypotheses[_sound(hypotheses, frame)])
+    hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
     seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
-    kept = np.flatnonzero(choice.promising(_state(hypotheses, seen, left, right, frame, False)))
+    kept = np.flatnonzero(choice.promising(state_of(hypotheses, seen, left, right, frame, False)))
     hypotheses, seen = np.ascontiguousarray(hypotheses[kept]), some(seen, kept)
     chosen = np.zeros(len(hypotheses), np.bool_)
     for turn in range(ROUNDS):
-        now = _state(hypotheses, seen, left, right, frame, True)
+        now = state_of(hypotheses, seen, left, right, frame, True)
         chosen[:] = False
         choice.greedy(now, chosen)
-        if turn == 0 and early is not None:
-            early(_explanation(hypotheses, chosen, now, seen))
         for _ in range(2):
             if not choice.exchange(now, chosen):
                 break
             choice.greedy(now, chosen)
-        if turn > 0:
+        if turn == ROUNDS - 1:
             choice.deepen(now, chosen, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
         if turn == ROUNDS - 1:
             break
@@ -152,7 +140,7 @@ def settle(
     )  # fmt: skip
 
 
-def _sound(hypotheses: Floats, frame: Frame) -> Bools:
+def sound(hypotheses: Floats, frame: Frame) -> Bools:
     """(N,) of the right length, and not in the table or in the air."""
     ends = in_space(hypotheses[:, 1:7].reshape(-1, 2, 3), frame.on)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -167,7 +155,7 @@ def _sound(hypotheses: Floats, frame: Frame) -> Bools:
     return np.asarray(good, np.bool_)
 
 
-def _state(
+def state_of(
     hypotheses: Floats, seen: Traits, left: Edges, right: Edges, frame: Frame, related: bool
 ) -> claims.State:
     part = frame.part
@@ -208,7 +196,7 @@ def _on_own_edges(
     if not added:
         return np.zeros((0, COLUMNS))
     found = np.concatenate(added)
-    return np.asarray(found[_sound(found, frame)], np.float64)
+    return np.asarray(found[sound(found, frame)], np.float64)
 
 
 def _margin(now: claims.State, k: int, nobody: Bools) -> float:

@@ -13,6 +13,8 @@ Counts = npt.NDArray[np.uint16]
 SAME_WAY = 0.88
 """Least cosine between an edge's direction and the expected one."""
 PROBE_PX = 0.7
+ASKEW = 0.15
+"""Sine of the angle to rows and columns above which an edge steps aside often."""
 
 
 @compiled
@@ -36,6 +38,7 @@ def nearest_edge(
     best, best_off = -1, 0.0
     nearest = reach
     last = -1
+    askew = min(abs(nx), abs(ny)) > ASKEW
     steps = int(reach / PROBE_PX) + 1
     for step in range(2 * steps + 1):
         # from the middle outwards: 0, 1, -1, 2, -2, ...
@@ -43,10 +46,19 @@ def nearest_edge(
         off = half * PROBE_PX if step % 2 == 1 else -half * PROBE_PX
         if best >= 0 and abs(off) > nearest + PROBE_PX:
             break
-        column, row = int(x + off * nx + 0.5), int(y + off * ny + 0.5)
-        if column < 0 or row < 0 or column >= at.shape[1] or row >= at.shape[0]:
+        u, v = x + off * nx + 0.5, y + off * ny + 0.5
+        column, row = int(u), int(v)
+        if column < 1 or row < 1 or column >= at.shape[1] - 1 or row >= at.shape[0] - 1:
             continue
         edge = at[row, column]
+        if edge < 0 and askew:
+            # an edge that runs askew passes between two pixels that meet at a corner only
+            du, dv = u - column - 0.5, v - row - 0.5
+            if abs(du) > abs(dv):
+                column += 1 if du > 0 else -1
+            else:
+                row += 1 if dv > 0 else -1
+            edge = at[row, column]
         if edge < 0 or edge == last or taken[edge] > 0:
             continue
         last = edge

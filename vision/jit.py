@@ -18,3 +18,11 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     plain numbers and contiguous arrays; the first call of a machine takes seconds (`warm_up`).
     """
     return cast("Callable[P, R]", numba.njit(nogil=True, cache=True)(function))
+
+
+def compiled_sums(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, for long sums whose order does not matter: several terms are added at once."""
+    return cast(
+        "Callable[P, R]",
+        numba.njit(nogil=True, cache=True, fastmath={"reassoc", "nsz", "contract"})(function),
+    )

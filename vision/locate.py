@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from vision.default import locate_default
-from vision.offer import Colour
+from vision.colour import Colour
 from vision.published import Observer, locate_published
+from vision.together import locate_together
 from vision.types import Grey, PartModel, Plane, Scene, StereoModel, Tuning
 
 
@@ -19,6 +19,7 @@ def locate(
     table: Plane | None = None,
     observe: Observer | None = None,
     colour_left: Colour | None = None,
+    among: tuple[PartModel, ...] = (),
 ) -> Scene:
     """Find parts in a stereo pair with the method ``tuning.method`` names.
 
@@ -33,9 +34,11 @@ def locate(
     observe
         Gets every product with the name of its stage. Stage times are its business: this package
         knows no clock, and leaves ``Scene.durations_s`` empty.
-
     colour_left : (H, W, 3) uint8 BGR
         The left picture in colour; needed for parts that are told by it.
+    among
+        Other products that may lie there. One look answers for all of them: every candidate says which
+        product it is. The published method knows one product only.
 
     Returns
     -------
@@ -45,14 +48,20 @@ def locate(
     Raises
     ------
     ValueError
-        Pictures of a wrong type or size, or neither a depth range nor a table.
+        Pictures of a wrong type or size, neither a depth range nor a table, a product told by its colour
+        without a colour picture, or several products for the published method.
     """
     match tuning.method:
         case "published":
+            if among:
+                raise ValueError(
+                    f"the published method knows one product a look, not {1 + len(among)}; "
+                    "use the default method or look for one"
+                )
             return locate_published(left_grey, right_grey, stereo_model, part, tuning, table, observe)
         case "default":
-            return locate_default(
-                left_grey, right_grey, stereo_model, part, tuning, table, observe, colour_left
+            return locate_together(
+                left_grey, right_grey, stereo_model, (part, *among), tuning, table, observe, colour_left
             )
         case _:
             assert_never(tuning.method)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from vision.canvas import in_space, points_through_grid
+from vision.canvas import in_space
+from vision.colour import Colour, among_colours, colour_of
 from vision.crossings import MIDDLE, Crossed, ranked
+from vision.edges import Reals
 from vision.explain import Explanation, Frame
+from vision.jit import compiled
 from vision.polish import BEYOND_SHARES, Measured, sigmas
 from vision.refine import KIND, UNIT
-from vision.retrieve import tilt_rad
+from vision.sizes import LEAST_LEAD, Size, size_of
 from vision.types import (
     Candidate,
-    ColourRange,
     Crossing,
     Floats,
+    Ints,
     PartModel,
     Plane,
     Refusal,
@@ -31,24 +34,17 @@ GOES_ON = 0.3
 LEAST_BOTH = 0.15
 """Least share of a part along which both its flanks are seen: one edge alone is anything."""
 WIDTH_SHARE = (0.72, 1.25)
-BOW_WIDTHS = 0.12
+BOW_WIDTHS = 0.09
 OUTSIDE_SHARE = 0.02
 NEAR_LENGTHS = 1.6
 """Parts longer or shorter than this many times the product are somebody else's, not refused ones."""
 WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
+DOUBT_DIAMETERS = 0.3
+"""Of two parts with nothing on them the better known goes first; a centre known only to this counts half."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
-PLAIN_LENGTHS, PLAIN_TIP, PLAIN_BOTH = 1.0, 0.3, 0.85
-"""Evidence in lengths and view, least strength of every end, least share with both flanks, of a part that is
-certain at first sight."""
-COLOUR_SAMPLES = 40
-COLOUR_INNER = 0.5
-"""Colour is read within this share of the half width; further out light and neighbours mix in."""
 MOST_ROW_OFFSET_PX = 3.0
-
-Colour = npt.NDArray[np.uint8]
-"""(H, W, 3) uint8 BGR."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +56,27 @@ class Offered:
     rows: list[int]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """Of C measured parts: ``ends_m`` (C, 2, 3), ``centre_m``, ``axis`` (C, 3), ``length_m`` (C,) and both
+    deviations (C,); ``both`` share with both flanks; ``outside`` share off the picture; ``over_middle`` how
+    many parts lie over the middle third; ``lowest_m``, ``highest_m`` of the ends above the table, or their
+    depth; ``tilt_rad`` to the table."""
+
+    ends_m: Floats
+    centre_m: Floats
+    axis: Floats
+    length_m: Floats
+    sigma_m: Floats
+    sigma_rad: Floats
+    both: Floats
+    outside: Floats
+    over_middle: Ints
+    lowest_m: Floats
+    highest_m: Floats
+    tilt_rad: Floats
+
+
 def candidates(
     measured: Measured,
     found: Explanation,
@@ -69,22 +86,34 @@ def candidates(
     table: Plane | None,
     colour: Colour | None,
     row_offset_px: float,
+    sizes: tuple[Size, ...] = (),
+    ahead: Floats | None = None,
 ) -> Offered:
-    """Every part near the product's length: offered ones first, those with nothing on them before others."""
+    """Every part near a product's length: offered ones first, those with nothing on them before others.
+
+    ``sizes`` the products of the look, by the kind of their hypotheses, and ``ahead`` (C,) what each part
+    explains more than one of another size would; without them the one of the frame.
+    """
+    sizes = sizes or (Size(parts=(frame.part,), frame=frame),)
+    bounds = _bounds_m(frame.part, tuning, table)
+    seen = _seen(measured, found, over, frame, table if tuning.depth_m is None else None, table)
     made: list[tuple[int, Candidate]] = []
-    for row in range(len(measured.parts)):
-        ends = in_space(measured.parts[row, 1:7].reshape(2, 3), frame.on)
-        length = float(np.linalg.norm(ends[1] - ends[0]))
-        if not frame.part.length_m / NEAR_LENGTHS < length < frame.part.length_m * NEAR_LENGTHS:
+    for row, length in enumerate(seen.length_m.tolist()):
+        of = size_of(measured.parts[row, KIND], length, sizes)
+        known_m = of.frame.part.length_m
+        if not known_m / NEAR_LENGTHS < length < known_m * NEAR_LENGTHS:
             continue
-        made.append(
-            (row, _candidate(row, ends, measured, found, over, frame, tuning, table, colour, row_offset_px))
-        )
+        one = _candidate(row, seen, measured, found, of, tuning, bounds, colour, row_offset_px)
+        if ahead is not None and ahead[row] < LEAST_LEAD:
+            either = Refused(reason=Refusal.AMBIGUOUS, value=float(ahead[row]), limit=LEAST_LEAD, unit="1")
+            one = replace(one, refusals=(*one.refusals, either))
+        made.append((row, one))
     known = dict(made)
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
-    order = ranked(over, found.margin, is_product)
-    order = sorted(order, key=lambda row: (not known[row].offered, _is_vague(known[row])))
+    doubt = seen.sigma_m / (DOUBT_DIAMETERS * frame.part.diameter_m)
+    order = ranked(over, found.margin / (1.0 + doubt**2), is_product)
+    order = sorted(order, key=lambda row: not known[row].offered)
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]
     place = {row: n for n, row in enumerate(rows)}
@@ -95,48 +124,87 @@ def candidates(
     )
 
 
-def is_plain(found: Explanation, row: int, frame: Frame) -> bool:
-    """A product seen whole in both pictures, with both ends: no later choice will take it away."""
-    k = found.chosen[row]
-    if found.hypotheses[k, KIND] < 0 or found.margin[row] < PLAIN_LENGTHS * 2 * frame.length_px:
-        return False
-    if (found.state.tip_value[k].mean(axis=2).max(axis=0) < PLAIN_TIP).any():
-        return False
-    for view in range(2):
-        steps = int(found.state.samples[k, view])
-        if float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()) < PLAIN_BOTH:
-            return False
-    return True
-
-
-def _is_vague(candidate: Candidate) -> bool:
-    return any(refused.reason is Refusal.VAGUE for refused in candidate.refusals)
-
-
-def _candidate(
-    row: int,
-    ends: Floats,
+def _seen(
     measured: Measured,
     found: Explanation,
     over: Crossed,
     frame: Frame,
-    tuning: Tuning,
+    floor: Plane | None,
     table: Plane | None,
+) -> _Seen:
+    """``floor`` what heights are above; without it the depth counts."""
+    rows = np.array(found.chosen, np.int64)
+    ends = read_only(in_space(measured.parts[:, 1:7].reshape(-1, 2, 3), frame.on))
+    way = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(way, axis=1)
+    doubt = measured.covariance * measured.strain[:, None, None]
+    sigma_m, sigma_rad = sigmas(measured.parts, doubt, frame)
+    both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
+    height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
+    up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal
+    inside = (over.place > MIDDLE[0]) & (over.place < MIDDLE[1])
+    return _Seen(
+        ends_m=ends,
+        centre_m=read_only(ends.mean(axis=1)),
+        axis=read_only(way / length[:, None]),
+        length_m=length,
+        sigma_m=sigma_m,
+        sigma_rad=sigma_rad,
+        both=both,
+        outside=outside,
+        over_middle=(inside & (over.above.T > 0)).sum(axis=1),
+        lowest_m=height.min(axis=1),
+        highest_m=height.max(axis=1),
+        tilt_rad=np.arcsin(np.minimum(1.0, np.abs(way @ up) / length)),
+    )
+
+
+@compiled
+def _coverage(
+    rows: Ints, count: npt.NDArray[np.int32], value: Reals, ground: npt.NDArray[np.uint8]
+) -> tuple[Floats, Floats]:
+    """(C,) mean share of the samples of both views with both flanks; the larger share off the picture."""
+    both, outside = np.zeros(len(rows)), np.zeros(len(rows))
+    for place in range(len(rows)):
+        k = rows[place]
+        for view in range(2):
+            steps = count[k, view]
+            flanks = off = 0
+            for q in range(steps):
+                if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
+                    flanks += 1
+                if ground[k, view, q] == 2:
+                    off += 1
+            both[place] += 0.5 * flanks / steps
+            outside[place] = max(outside[place], off / steps)
+    return both, outside
+
+
+def _candidate(
+    row: int,
+    seen: _Seen,
+    measured: Measured,
+    found: Explanation,
+    size: Size,
+    tuning: Tuning,
+    bounds: tuple[float, float] | None,
     colour: Colour | None,
     row_offset_px: float,
 ) -> Candidate:
-    part, k = frame.part, found.chosen[row]
-    way = ends[1] - ends[0]
-    length = float(np.linalg.norm(way))
-    sigma_m, sigma_rad = sigmas(measured.parts[row], measured.covariance[row], frame)
+    k = found.chosen[row]
+    shade = None
+    if colour is not None and any(part.colour is not None for part in size.parts):
+        shade = colour_of(measured.parts[row], found, k, colour, size.frame)
+    part, other_colour = among_colours(shade, size.parts)
+    frame = size.frame if part is size.frame.part else replace(size.frame, part=part)
+    ends, length, sigma_m = seen.ends_m[row], float(seen.length_m[row]), float(seen.sigma_m[row])
     worth = float(found.margin[row]) / (2 * frame.length_px)
     low, high = WORTH_OF_SCORE
-    score = float(np.clip(0.3 + 0.7 * (worth - low) / (high - low), 0.0, 1.0))
-    reasons = _shape_reasons(row, k, length, measured, found, frame)
-    reasons += _place_reasons(ends, part, tuning, table)
-    if part.colour is not None and colour is not None:
-        reasons += colour_reasons(measured.parts[row], found, k, part.colour, colour, frame)
-    crossing = _most_in_middle(row, over)
+    score = min(1.0, max(0.0, 0.3 + 0.7 * (worth - low) / (high - low)))
+    reasons = _shape_reasons(row, k, seen, measured, found, frame)
+    reasons += _place_reasons(row, seen, bounds, tuning.max_tilt_rad)
+    reasons += other_colour
+    crossing = int(seen.over_middle[row])
     if crossing > 0:
         reasons.append(Refused(reason=Refusal.CROSSED, value=float(crossing), limit=0.0, unit="1"))
     vague = VAGUE_DIAMETERS * part.diameter_m
@@ -148,28 +216,29 @@ def _candidate(
         reasons.append(Refused(reason=Refusal.LOW_SCORE, value=score, limit=tuning.min_score, unit="1"))
     return Candidate(
         part_code=part.code,
-        start=read_only(ends[0].copy()),
-        end=read_only(ends[1].copy()),
-        centre=read_only(ends.mean(axis=0)),
-        axis=read_only(way / length),
+        start=ends[0],
+        end=ends[1],
+        centre=seen.centre_m[row],
+        axis=seen.axis[row],
         length_m=length,
-        nodes=read_only(ends.copy()),
+        nodes=ends,
         score=score,
         residual_px=float(measured.bow_px[row]),
         refusals=tuple(reasons),
         sigma_m=sigma_m,
-        sigma_rad=sigma_rad,
+        sigma_rad=float(seen.sigma_rad[row]),
+        width_m=_width(row, k, measured, found, frame) * part.diameter_m,
     )
 
 
 def _shape_reasons(
-    row: int, k: int, length_m: float, measured: Measured, found: Explanation, frame: Frame
+    row: int, k: int, seen: _Seen, measured: Measured, found: Explanation, frame: Frame
 ) -> list[Refused]:
     """Length, width, flanks, straightness, border."""
     part = frame.part
     reasons = []
-    seen_m = measured.free_length_m[row]
-    long_m = length_m if measured.parts[row, KIND] < 0 or not np.isfinite(seen_m) else float(seen_m)
+    length_m, free_m = float(seen.length_m[row]), float(measured.free_length_m[row])
+    long_m = length_m if measured.parts[row, KIND] < 0 or not np.isfinite(free_m) else free_m
     error = long_m - part.length_m
     if abs(error) > part.length_tolerance_m or measured.parts[row, KIND] < 0:
         limit = part.length_m + float(np.copysign(part.length_tolerance_m, error))
@@ -179,23 +248,16 @@ def _shape_reasons(
         reasons.append(
             Refused(reason=Refusal.LENGTH, value=length_m * (1 + BEYOND_SHARES[1]), limit=limit, unit="m")
         )
-    # as the edges had it, because the shading model believes the nominal width, unless they lost it since
-    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
-    width = last if last < WIDTH_SHARE[0] else raw
+    width = _width(row, k, measured, found, frame)
     low, high = WIDTH_SHARE
     if not low < width < high:
         limit = (low if width <= low else high) * part.diameter_m
         reasons.append(Refused(reason=Refusal.WIDTH, value=width * part.diameter_m, limit=limit, unit="m"))
-    both, outside = [], []
-    for view in range(2):
-        steps = int(found.state.samples[k, view])
-        both.append(float((found.state.value[k, view, :steps] > 0).all(axis=1).mean()))
-        outside.append(float((found.state.ground[k, view, :steps] == 2).mean()))
-    share = float(np.mean(both))
+    share, outside = float(seen.both[row]), float(seen.outside[row])
     if share < LEAST_BOTH:
         reasons.append(Refused(reason=Refusal.FLANKS, value=share, limit=LEAST_BOTH, unit="1"))
-    if max(outside) > OUTSIDE_SHARE:
-        reasons.append(Refused(reason=Refusal.EDGE, value=max(outside), limit=OUTSIDE_SHARE, unit="1"))
+    if outside > OUTSIDE_SHARE:
+        reasons.append(Refused(reason=Refusal.EDGE, value=outside, limit=OUTSIDE_SHARE, unit="1"))
     most = BOW_WIDTHS * frame.width_px
     if measured.bow_px[row] > most:
         value = float(measured.bow_px[row])
@@ -203,110 +265,58 @@ def _shape_reasons(
     return reasons
 
 
-def _place_reasons(ends_m: Floats, part: PartModel, tuning: Tuning, table: Plane | None) -> list[Refused]:
+def _width(row: int, k: int, measured: Measured, found: Explanation, frame: Frame) -> float:
+    """In nominal widths, as the edges had it, because the shading model believes the nominal width, unless
+    they lost it since."""
+    raw, last = (float(of[n, UNIT]) / frame.unit for of, n in ((found.hypotheses, k), (measured.parts, row)))
+    return last if last < WIDTH_SHARE[0] else raw
+
+
+def _place_reasons(
+    row: int, seen: _Seen, bounds: tuple[float, float] | None, most_tilt_rad: float
+) -> list[Refused]:
     """Out of the depth range, or out of the height range where only a table is known; too steep."""
     reasons = []
-    bounds: tuple[float, float] | None = None
-    values = ends_m[:, 2]
-    if tuning.depth_m is not None:
-        bounds = tuning.depth_m
-    elif table is not None:
-        values = ends_m @ table.normal + table.offset_m
-        bounds = tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
     if bounds is not None:
-        if values.min() < bounds[0]:
-            value = float(values.min())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[0], unit="m"))
-        elif values.max() > bounds[1]:
-            value = float(values.max())
-            reasons.append(Refused(reason=Refusal.DEPTH, value=value, limit=bounds[1], unit="m"))
-    tilt = tilt_rad(ends_m[1] - ends_m[0], table)
-    if tilt > tuning.max_tilt_rad:
-        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=tuning.max_tilt_rad, unit="rad"))
+        lowest, highest = float(seen.lowest_m[row]), float(seen.highest_m[row])
+        if lowest < bounds[0]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=lowest, limit=bounds[0], unit="m"))
+        elif highest > bounds[1]:
+            reasons.append(Refused(reason=Refusal.DEPTH, value=highest, limit=bounds[1], unit="m"))
+    tilt = float(seen.tilt_rad[row])
+    if tilt > most_tilt_rad:
+        reasons.append(Refused(reason=Refusal.TILT, value=tilt, limit=most_tilt_rad, unit="rad"))
     return reasons
 
 
-def _most_in_middle(row: int, over: Crossed) -> int:
-    """How many parts lie over the middle third."""
-    place = over.place[row]
-    inside = (place > MIDDLE[0]) & (place < MIDDLE[1])
-    return int((inside & (over.above[:, row] > 0)).sum())
-
-
-def colour_reasons(
-    part: Floats, found: Explanation, k: int, wanted: ColourRange, colour: Colour, frame: Frame
-) -> list[Refused]:
-    """Another colour, by the median over the samples of the left picture where both flanks are seen."""
-    steps = int(found.state.samples[k, 0])
-    own = np.flatnonzero((found.state.value[k, 0, :steps] > 0).all(axis=1))
-    if len(own) == 0:
-        own = np.arange(steps)
-    share = (own[:: max(1, len(own) // COLOUR_SAMPLES)] + 0.5) / steps
-    a, b = part[1:3], part[4:6]
-    way = (b - a) / np.linalg.norm(b - a)
-    normal = np.array([-way[1], way[0]])
-    half = COLOUR_INNER * 0.5 * frame.unit * (part[3] + share * (part[6] - part[3]))
-    lanes = [
-        a + share[:, None] * (b - a) + (lane * half)[:, None] * normal for lane in (-1.0, -0.5, 0.0, 0.5, 1.0)
-    ]
-    at = np.rint(points_through_grid(frame.on.to_raw[0], np.concatenate(lanes))).astype(np.int64)
-    rows, columns = colour.shape[:2]
-    at = at[(at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)]
-    if len(at) == 0:
-        return []
-    seen = np.median(colour[at[:, 1], at[:, 0]].astype(np.float64), axis=0) / 255.0
-    hue, saturation, value = hue_saturation_value(seen)
-    low, high = wanted.hue_deg
-    between = low <= hue <= high if low <= high else hue >= low or hue <= high
-    if not between:
-        limit = low if abs((hue - low + 180) % 360 - 180) < abs((hue - high + 180) % 360 - 180) else high
-        return [Refused(reason=Refusal.COLOUR, value=np.radians(hue), limit=np.radians(limit), unit="rad")]
-    for number, (least, most) in ((saturation, wanted.saturation), (value, wanted.value)):
-        if not least <= number <= most:
-            limit = least if number < least else most
-            return [Refused(reason=Refusal.COLOUR, value=number, limit=limit, unit="1")]
-    return []
-
-
-def hue_saturation_value(bgr: Floats) -> tuple[float, float, float]:
-    """Hue in degrees, saturation and value 0..1, of blue, green, red 0..1 (Smith 1978)."""
-    blue, green, red = (float(v) for v in bgr)
-    most, least = max(blue, green, red), min(blue, green, red)
-    spread = most - least
-    if spread <= 0:
-        return 0.0, 0.0, most
-    if most == red:
-        sector = ((green - blue) / spread) % 6
-    elif most == green:
-        sector = (blue - red) / spread + 2
-    else:
-        sector = (red - green) / spread + 4
-    return 60.0 * sector, spread / most, most
+def _bounds_m(part: PartModel, tuning: Tuning, table: Plane | None) -> tuple[float, float] | None:
+    """Depth range, or the height range of axes where only a table is known."""
+    if tuning.depth_m is not None or table is None:
+        return tuning.depth_m
+    return tuning.height_m[0] - part.diameter_m, tuning.height_m[1] + part.diameter_m
 
 
 def _crossings(
     measured: Measured, over: Crossed, frame: Frame, place: dict[int, int]
 ) -> tuple[Crossing, ...]:
-    found = []
-    for upper, lower in zip(*np.nonzero(over.above), strict=True):
-        if int(upper) not in place or int(lower) not in place:
-            continue
-        share = float(over.place[upper, lower])
-        ends = measured.parts[upper, 1:7].reshape(2, 3)
-        at = ends[0] + share * (ends[1] - ends[0])
-        point = in_space(at, frame.on)
-        depth_per_px = frame.on.focal_px * frame.on.baseline_m / float(at[2]) ** 2
-        gap = float(over.gap[upper, lower]) * depth_per_px - frame.part.diameter_m
-        found.append(
-            Crossing(
-                above=place[int(upper)],
-                below=place[int(lower)],
-                point=read_only(point),
-                gap_m=gap,
-                sure=float(over.sure[upper, lower]),
-            )
-        )
-    return tuple(found)
+    where = np.full(len(measured.parts), -1, np.int64)
+    where[list(place)] = list(place.values())
+    upper, lower = np.nonzero(over.above)
+    known = (where[upper] >= 0) & (where[lower] >= 0)
+    upper, lower = upper[known], lower[known]
+    ends = measured.parts[upper, 1:7].reshape(-1, 2, 3)
+    at = ends[:, 0] + over.place[upper, lower][:, None] * (ends[:, 1] - ends[:, 0])
+    points = read_only(in_space(at, frame.on))
+    depth_per_px = frame.on.focal_px * frame.on.baseline_m / at[:, 2] ** 2
+    gap = over.gap[upper, lower] * depth_per_px - frame.part.diameter_m
+    rows = zip(
+        where[upper].tolist(), where[lower].tolist(), points, gap.tolist(),
+        over.sure[upper, lower].tolist(), strict=True,
+    )  # fmt: skip
+    return tuple(
+        Crossing(above=above, below=below, point=point, gap_m=gap_m, sure=sure)
+        for above, below, point, gap_m, sure in rows
+    )
 
 
 def unexplained(pieces: Floats, measured: Measured, width_px: float) -> Floats:

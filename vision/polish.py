@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision import claims, shading
+from vision import shading
 from vision.canvas import in_space
 from vision.edges import Edges, Ids, Reals
-from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame, settle
-from vision.flank import Counts
+from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame
+from vision.flank import Counts, nearest_edge
 from vision.jit import compiled
-from vision.refine import LENGTH
-from vision.traits import traits
-from vision.types import Bools, Floats, Grey
+from vision.measure import measure
+from vision.refine import UNIT
+from vision.traits import FLANK_REACH_PX, FLANK_SIGMA_PX, SAMPLE_PX, Traits
+from vision.types import Bools, Floats, Grey, Ints
 
 SEEN = 0.3
 """Least strength of a flank that is read for shading."""
@@ -24,12 +25,7 @@ CLEAR_SAMPLES = 3
 """Samples next to the ends that are not read: there the outline turns."""
 SHADED_SIGMA_PX = 0.03
 """What light still shifts the flanks of one view by after the profile has been read."""
-TILT_SHARE = 0.05
-ROUNDS, SPACING_PX = 5, 1.5
 MOST_PROFILES = 12
-MOST_MOVED_PX, LEAST_KEPT = 2.5, 0.6
-"""A part that moves further, or keeps less of what tells its place, has jumped to something else."""
-STEP_PX = 1e-3
 BEYOND_SHARES = (0.03, 0.28)
 """Where, in lengths beyond an end, a part is looked for that is longer than it should be."""
 
@@ -38,7 +34,8 @@ BEYOND_SHARES = (0.03, 0.28)
 class Measured:
     """C parts, in the order they were chosen.
 
-    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px; ``bow_px`` (C,) how far
+    ``parts`` (C, `COLUMNS`); ``covariance`` (C, 6, 6) of x, y, d at both ends, px, and
+    ``strain`` (C,) how many times larger it is where flanks contradict each other; ``bow_px`` (C,) how far
     the middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its
     ends alone have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an
     unseen end on which both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the
@@ -46,6 +43,7 @@ class Measured:
 
     parts: Floats
     covariance: Floats
+    strain: Floats
     bow_px: Floats
     free_length_m: Floats
     goes_on: Floats
@@ -63,207 +61,270 @@ def polish(
     rows: list[int] | None = None,
 ) -> Measured:
     """Measure chosen parts; ``rows`` some of them, all without."""
-    chosen = found.chosen if rows is None else rows
-    parts = np.ascontiguousarray(found.hypotheses[np.array(chosen, np.int64)])
-    count = len(chosen)
-    nobody = np.zeros(len(found.hypotheses), np.bool_)
-    now = found.state
-    flanks, profiles, bow = _read(found, chosen, left, right, greys, row_shift_px, frame)
-    shift, loose, gamma, blur = _shift(flanks, profiles, parts, frame)
-    covariance = np.zeros((count, 6, 6))
-    free_length = np.full(count, np.nan)
-    for place, k in enumerate(chosen):
-        claims.give_back(now, k)
-        taken = (now.taken_l, now.taken_r)
-        one = parts[place : place + 1].copy()
-        own = slice(place, place + 1)
-        plain = one.copy()
-        before = settle(plain, left, right, taken, frame, TILT_SHARE, 2, SPACING_PX)
-        normals = settle(
-            one, left, right, taken, frame, TILT_SHARE, ROUNDS, SPACING_PX, shift[own], loose[own]
-        )
-        moved = np.abs(one[0, 1:7] - parts[place, 1:7]).max()
-        if moved > MOST_MOVED_PX or np.trace(normals[0]) < LEAST_KEPT * np.trace(before[0]):
-            # it lost its own edges on the way: the first measurement stands, without the shading
-            one, normals = plain, before
-            shift[own] = 0.0
-            loose[own] = UNSHADED_SIGMA_PX
-        covariance[place] = np.linalg.inv(normals[0] + 1e-6 * np.eye(6))
-        if (now.tip_value[k].mean(axis=2) > SEEN).all():
-            free = one.copy()
-            free[:, LENGTH] = 0.0
-            settle(free, left, right, taken, frame, TILT_SHARE, 3, SPACING_PX, shift[own], loose[own])
-            free_length[place] = _length_m(free[0], frame)
-        parts[place] = one[0]
-        claims.take(now, k, nobody)
+    chosen = np.array(found.chosen if rows is None else rows, np.int64)
+    parts = np.ascontiguousarray(found.hypotheses[chosen])
+    count, now, seen = len(chosen), found.state, found.seen
+    edges = (left, right)
+    flanks, own, bow = _flanks(parts, chosen, seen, (now.taken_l, now.taken_r), edges, frame)
+    shift, loose, gamma, blur = _shift(flanks, own, parts, chosen, seen, greys, row_shift_px, frame)
+    covariance, strain = np.zeros((count, 6, 6)), np.ones(count)
+    free, goes_on = parts.copy(), np.zeros(count)
+    ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
+    measure(
+        parts, chosen, ends_seen, seen.ends, seen.width, seen.edge,
+        left.table, left.at, now.taken_l.copy(), right.table, right.at, now.taken_r.copy(),
+        frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m, shift, loose,
+        covariance, strain, free,
+    )  # fmt: skip
+    unseen = seen.tip_value[chosen].mean(axis=(1, 3)) < SEEN
+    _goes_on(found.hypotheses, chosen, unseen, left.table, left.at, right.table, right.at, goes_on)
     return Measured(
         parts=parts,
         covariance=covariance,
+        strain=strain,
         bow_px=bow,
-        free_length_m=free_length,
-        goes_on=_goes_on(found, chosen, left, right, frame),
+        free_length_m=np.where(ends_seen, _length_m(free, frame), np.nan),
+        goes_on=goes_on,
         gamma=gamma,
         blur=blur,
     )
 
 
-def _goes_on(found: Explanation, chosen: list[int], left: Edges, right: Edges, frame: Frame) -> Floats:
+@compiled
+def _goes_on(
+    hypotheses: Floats, chosen: Ints, unseen: Bools, table_l: Reals, at_l: Ids, table_r: Reals, at_r: Ids,
+    goes_on: Floats,
+) -> None:  # fmt: skip
     """(C,) the larger of both ends, 0 where the end itself is seen."""
-    beyond = np.repeat(found.hypotheses[chosen], 2, axis=0)
-    if len(beyond) == 0:
-        return np.zeros(0)
-    ends = beyond[:, 1:7].reshape(-1, 2, 3).copy()
-    way = ends[:, 1] - ends[:, 0]
     first, last = BEYOND_SHARES
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        at, along = ends[end::2, end], sign * way[end::2]
-        beyond[end::2, 1:7] = np.stack([at + first * along, at + last * along], axis=1).reshape(-1, 6)
-    seen = traits(beyond, left, right, frame.length_px)
-    shares = np.zeros((2, len(beyond)))
-    for view in range(2):
-        for row in range(len(beyond)):
-            steps = int(seen.count[row, view])
-            shares[view, row] = float((seen.value[row, view, :steps] > SEEN).all(axis=1).mean())
-    tips = found.seen.tip_value[chosen].mean(axis=(1, 3)).reshape(-1)
-    return np.asarray(np.where(tips < SEEN, shares.min(axis=0), 0.0).reshape(-1, 2).max(axis=1), np.float64)
+    nobody = np.zeros(max(len(table_l), len(table_r)) + 1, np.uint16)
+    for place in range(len(chosen)):
+        p = hypotheses[chosen[place]]
+        for end in range(2):
+            if not unseen[place, end]:
+                continue
+            here, there = 1 + 3 * end, 4 - 3 * end
+            share = 1.0
+            for view in range(2):
+                xa, ya, da = p[here] - view * p[here + 2], p[here + 1], p[here + 2]
+                wx, wy = xa - (p[there] - view * p[there + 2]), ya - p[there + 1]
+                wd = da - p[there + 2]
+                size = (last - first) * np.hypot(wx, wy)
+                steps = max(int(size / SAMPLE_PX), 1)
+                ux, uy = wx * (last - first) / size, wy * (last - first) / size
+                both = 0
+                for q in range(steps):
+                    share_on = first + (last - first) * (q + 0.5) / steps
+                    x, y, d = xa + share_on * wx, ya + share_on * wy, da + share_on * wd
+                    if _two_flanks(table_l if view == 0 else table_r, at_l if view == 0 else at_r,
+                                   nobody, x, y, -uy, ux, 0.5 * p[UNIT] * d):  # fmt: skip
+                        both += 1
+                share = min(share, both / steps)
+            goes_on[place] = max(goes_on[place], share)
 
 
-def sigmas(part: Floats, covariance: Floats, frame: Frame) -> tuple[float, float]:
-    """Standard deviation of the centre in its worst direction, m, and of the axis, rad.
+@compiled
+def _two_flanks(
+    table: Reals, at: Ids, nobody: Counts, x: float, y: float, nx: float, ny: float, half: float
+) -> bool:
+    """Whether both flanks of a part with its axis at (x, y) are seen there, whoever's they are."""
+    for side in range(2):
+        sign = -1.0 if side == 0 else 1.0
+        e, off = nearest_edge(
+            table, at, nobody, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny,
+            FLANK_REACH_PX,
+        )  # fmt: skip
+        if e < 0 or table[e, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2) <= SEEN:
+            return False
+    return True
 
-    Propagated from the covariance of the six numbers through the triangulation, numerically.
+
+def sigmas(parts: Floats, covariance: Floats, frame: Frame) -> tuple[Floats, Floats]:
+    """Standard deviation of the centres of parts (C, `COLUMNS`) in their worst direction, m, and of their
+    axes, rad, both (C,).
+
+    Propagated from the covariance (C, 6, 6) of the six numbers through the triangulation.
     """
-    ends = part[1:7].reshape(2, 3)
-    here = in_space(ends, frame.on)
-    moved = np.repeat(part[1:7][None], 6, axis=0) + STEP_PX * np.eye(6)
-    slope = ((in_space(moved.reshape(6, 2, 3), frame.on) - here) / STEP_PX).reshape(6, 6).T
-    in_metres = slope @ covariance @ slope.T
-    mean = 0.5 * np.concatenate([np.eye(3), np.eye(3)], axis=1)
-    centre = mean @ in_metres @ mean.T
-    way = here[1] - here[0]
-    length = float(np.linalg.norm(way))
-    difference = np.concatenate([-np.eye(3), np.eye(3)], axis=1)
-    across = np.eye(3) - np.outer(way, way) / length**2
-    turn = across @ (difference @ in_metres @ difference.T) @ across / length**2
-    return (
-        float(np.sqrt(max(np.linalg.eigvalsh(centre)[-1], 0.0))),
-        float(np.sqrt(max(np.linalg.eigvalsh(turn)[-1], 0.0))),
-    )
+    centre, turn = _sigmas(parts, covariance, frame.camera)
+    return centre, turn
 
 
-def _length_m(part: Floats, frame: Frame) -> float:
-    ends = in_space(part[1:7].reshape(2, 3), frame.on)
-    return float(np.linalg.norm(ends[1] - ends[0]))
+@compiled
+def _sigmas(parts: Floats, covariance: Floats, camera: Floats) -> tuple[Floats, Floats]:
+    focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    centre, turn = np.zeros(len(parts)), np.zeros(len(parts))
+    ends, slope, across = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((3, 3))
+    both = np.zeros((2, 3, 6))
+    for h in range(len(parts)):
+        for end in range(2):
+            x, y, d = parts[h, 1 + 3 * end] - cx, parts[h, 2 + 3 * end] - cy, parts[h, 3 + 3 * end]
+            z = focal * baseline / d
+            ends[end, 0], ends[end, 1], ends[end, 2] = x * z / focal, y * z / focal, z
+            slope[end, 0, 0] = slope[end, 1, 1] = z / focal
+            for n in range(3):
+                slope[end, n, 2] = -ends[end, n] / d
+        way = ends[1] - ends[0]
+        square = way[0] ** 2 + way[1] ** 2 + way[2] ** 2
+        for i in range(3):
+            for j in range(3):
+                across[i, j] = (1.0 if i == j else 0.0) - way[i] * way[j] / square
+        # rows: the mean of the ends, and their difference across the axis in lengths
+        both[0, :, :3], both[0, :, 3:] = 0.5 * slope[0], 0.5 * slope[1]
+        for end in range(2):
+            sign = -1.0 if end == 0 else 1.0
+            for i in range(3):
+                for j in range(3):
+                    total = 0.0
+                    for n in range(3):
+                        total += across[i, n] * slope[end, n, j]
+                    both[1, i, 3 * end + j] = sign * total / np.sqrt(square)
+        centre[h] = _worst(both[0], covariance[h])
+        turn[h] = _worst(both[1], covariance[h])
+    return centre, turn
 
 
-def _read(
-    found: Explanation,
-    chosen: list[int],
-    left: Edges,
-    right: Edges,
-    greys: tuple[Grey, Grey],
-    row_shift_px: float,
+@compiled
+def _worst(by: Floats, covariance: Floats) -> float:
+    """Largest standard deviation of ``by @ x``, (3, 6), in any direction."""
+    spread = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for a in range(6):
+                for b in range(6):
+                    spread[i, j] += by[i, a] * covariance[a, b] * by[j, b]
+    return float(np.sqrt(max(np.linalg.eigvalsh(spread)[2], 0.0)))
+
+
+def _length_m(parts: Floats, frame: Frame) -> Floats:
+    ends = in_space(parts[:, 1:7].reshape(-1, 2, 3), frame.on)
+    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), np.float64)
+
+
+def _flanks(
+    parts: Floats,
+    chosen: Ints,
+    seen: Traits,
+    taken: tuple[Counts, Counts],
+    edges: tuple[Edges, Edges],
     frame: Frame,
-) -> tuple[shading.Flanks, dict[float, Floats], Floats]:
-    """Flanks and profiles of the chosen parts in both views, and how far they are bent."""
-    count = len(chosen)
-    now = found.state
-    unit = frame.unit
-    low, high, bow = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2))
-    stations, normal = np.zeros((count, 2)), np.zeros((count, 2, 2))
-    profiles = {gamma: np.zeros((count, 2, shading.SAMPLES)) for gamma in shading.GAMMAS}
-    for view, (edges, grey) in enumerate(zip((left, right), greys, strict=True)):
-        taken = now.taken_l if view == 0 else now.taken_r
-        for place, k in enumerate(chosen):
-            near, far = found.hypotheses[k, 3], found.hypotheses[k, 6]
-            own, low[place, view], high[place, view], bow[place, view], nx, ny = _own(
-                int(now.samples[k, view]), now.ends[k, view], near, far, unit, now.edge[k, view],
-                now.value[k, view], taken, edges.table,
-            )  # fmt: skip
-            normal[place, view] = nx, ny
-            for gamma in shading.GAMMAS:
-                stations[place, view] = shading.mean_profile(
-                    shading.light_of_grey(gamma), grey, frame.on.to_raw[view], row_shift_px * view,
-                    now.ends[k, view], 0.5 * unit * near, 0.5 * unit * far, own, profiles[gamma][place, view],
-                )  # fmt: skip
-    flanks = shading.Flanks(low_px=low, high_px=high, stations=stations, normal=normal)
-    return flanks, profiles, np.abs(bow).min(axis=1) if count else np.zeros(0)
+) -> tuple[shading.Flanks, Bools, Floats]:
+    """Where the flanks of the chosen parts are in both views; (C, 2, S) the samples that say so; how far
+    the parts are bent, the straighter view."""
+    count = len(parts)
+    flanks = shading.Flanks(
+        low_px=np.zeros((count, 2)),
+        high_px=np.zeros((count, 2)),
+        stations=np.zeros((count, 2)),
+        normal=np.zeros((count, 2, 2)),
+    )
+    own = np.zeros((count, 2, seen.value.shape[2]), np.bool_)
+    bow = np.zeros((count, 2))
+    for view in range(2):
+        _own(
+            parts, chosen, view, frame.unit, seen.count, seen.ends, seen.edge, seen.value, taken[view],
+            edges[view].table, own, flanks.low_px, flanks.high_px, flanks.stations, flanks.normal, bow,
+        )  # fmt: skip
+    return flanks, own, np.abs(bow).min(axis=1) if count else np.zeros(0)
 
 
 @compiled
 def _own(
-    steps: int,
-    ends: Floats,
-    near: float,
-    far: float,
-    unit: float,
-    edge: Ids,
-    value: Reals,
-    taken: Counts,
-    table: Reals,
-) -> tuple[Bools, float, float, float, float, float]:
-    """Samples whose flanks are both seen and no other's; mean place of either flank from where the outline
-    would be; how far the middle bends; the normal."""
-    own = np.zeros(steps, np.bool_)
-    dx, dy = ends[2] - ends[0], ends[3] - ends[1]
-    size = np.hypot(dx, dy)
-    nx, ny = -dy / size, dx / size
-    low = high = 0.0
-    count = 0
-    # offset against share: constant, slope and parabola, by their normal equations
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    basis = np.zeros(3)
-    for q in range(CLEAR_SAMPLES, steps - CLEAR_SAMPLES):
-        a, b = edge[q, 0], edge[q, 1]
-        if a < 0 or b < 0 or value[q, 0] < SEEN or value[q, 1] < SEEN or taken[a] > 1 or taken[b] > 1:
-            continue
-        share = (q + 0.5) / steps
-        x, y = ends[0] + share * dx, ends[1] + share * dy
-        radius = 0.5 * unit * (near + share * (far - near))
-        first = (table[a, 0] - x) * nx + (table[a, 1] - y) * ny + radius
-        second = (table[b, 0] - x) * nx + (table[b, 1] - y) * ny - radius
-        low += first
-        high += second
-        basis[0], basis[1], basis[2] = 1.0, 2 * share - 1, 4 * share * (1 - share)
-        for i in range(3):
-            right[i] += basis[i] * 0.5 * (first + second)
-            for j in range(3):
-                normal[i, j] += basis[i] * basis[j]
-        own[q] = True
-        count += 1
-    bow = 0.0
-    if count > 0:
-        low /= count
-        high /= count
-        for i in range(3):
-            normal[i, i] += 1.0
-        bow = float(np.linalg.solve(normal, right)[2])
-    return own, low, high, bow, nx, ny
+    parts: Floats, chosen: Ints, view: int, unit: float, samples: npt.NDArray[np.int32], ends: Floats,
+    edge: Ids, value: Reals, taken: Counts, table: Reals,
+    own: Bools, low_px: Floats, high_px: Floats, stations: Floats, normal: Floats, bow: Floats,
+) -> None:  # fmt: skip
+    """Samples of each part in one view whose flanks are both seen and no other's; mean place of either flank
+    from where the outline would be; how far the middle bends; the normal."""
+    square, right, basis = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for place in range(len(chosen)):
+        k = chosen[place]
+        steps, near, far = samples[k, view], parts[place, 3], parts[place, 6]
+        xa, ya = ends[k, view, 0], ends[k, view, 1]
+        dx, dy = ends[k, view, 2] - xa, ends[k, view, 3] - ya
+        size = np.hypot(dx, dy)
+        nx, ny = -dy / size, dx / size
+        normal[place, view, 0], normal[place, view, 1] = nx, ny
+        low = high = 0.0
+        count = 0
+        # offset against share: constant, slope and parabola, by their normal equations
+        square[:] = 0.0
+        right[:] = 0.0
+        for q in range(CLEAR_SAMPLES, steps - CLEAR_SAMPLES):
+            a, b = edge[k, view, q, 0], edge[k, view, q, 1]
+            if a < 0 or b < 0 or value[k, view, q, 0] < SEEN or value[k, view, q, 1] < SEEN:
+                continue
+            if taken[a] > 1 or taken[b] > 1:
+                continue
+            share = (q + 0.5) / steps
+            x, y = xa + share * dx, ya + share * dy
+            radius = 0.5 * unit * (near + share * (far - near))
+            first = (table[a, 0] - x) * nx + (table[a, 1] - y) * ny + radius
+            second = (table[b, 0] - x) * nx + (table[b, 1] - y) * ny - radius
+            low += first
+            high += second
+            basis[0], basis[1], basis[2] = 1.0, 2 * share - 1, 4 * share * (1 - share)
+            for i in range(3):
+                right[i] += basis[i] * 0.5 * (first + second)
+                for j in range(3):
+                    square[i, j] += basis[i] * basis[j]
+            own[place, view, q] = True
+            count += 1
+        stations[place, view] = count
+        if count > 0:
+            low_px[place, view], high_px[place, view] = low / count, high / count
+            for i in range(3):
+                square[i, i] += 1.0
+            bow[place, view] = np.linalg.solve(square, right)[2]
 
 
 def _shift(
-    flanks: shading.Flanks, profiles: dict[float, Floats], parts: Floats, frame: Frame
+    flanks: shading.Flanks,
+    own: Bools,
+    parts: Floats,
+    chosen: Ints,
+    seen: Traits,
+    greys: tuple[Grey, Grey],
+    row_shift_px: float,
+    frame: Frame,
 ) -> tuple[Floats, Floats, float, float]:
     """Where light shifts the flanks to, (C, 2, 2) px; how sure that is (C, 2) px; gamma and blur."""
     count = len(parts)
-    radius = 0.25 * frame.unit * (parts[:, 3] + parts[:, 6])
-    good = flanks.stations >= shading.LEAST_STATIONS
     unsure = np.full((count, 2), UNSHADED_SIGMA_PX)
+    good = flanks.stations >= shading.LEAST_STATIONS
     if not good.any():
         return np.zeros((count, 2, 2)), unsure, shading.GAMMAS[0], shading.BLURS[0]
-    best = np.argsort(-flanks.stations[good])[:MOST_PROFILES]
-    gamma, blur = shading.best_optics({of: all_[good][best] for of, all_ in profiles.items()})
-    place, left = shading.fit_rods(profiles[gamma].reshape(-1, shading.SAMPLES), blur)
+    near, far = 0.5 * frame.unit * parts[:, 3], 0.5 * frame.unit * parts[:, 6]
+    ends, steps = seen.ends[chosen], seen.count[chosen]
+
+    light = shading.light_of_grey()
+    profiles, stations = np.zeros((len(shading.GAMMAS), count, 2, shading.SAMPLES)), np.zeros((count, 2))
+
+    def read(which: Bools, first: int, last: int) -> None:
+        for view, grey in enumerate(greys):
+            shading.mean_profiles(
+                np.ascontiguousarray(light[:, first:last]), grey, frame.on.to_raw[view], row_shift_px * view,
+                view, which, ends, steps, near, far, own, profiles[first:last], stations,
+            )  # fmt: skip
+
+    best = np.zeros(2 * count, np.bool_)
+    best[np.argsort(-flanks.stations.reshape(-1), kind="stable")[:MOST_PROFILES]] = True
+    best = best.reshape(count, 2) & good
+    read(best, 0, len(shading.GAMMAS))
+    kind, blur = shading.best_optics(profiles[:, best])
+    read(good & ~best, kind, kind + 1)
+    good &= stations >= shading.LEAST_STATIONS
+    radius = 0.5 * (near + far)
+    place, left = shading.fit_rods(profiles[kind].reshape(-1, shading.SAMPLES), blur)
     place, left = place.reshape(-1, 2) * radius[:, None], left.reshape(-1, 2)
-    sound: npt.NDArray[np.bool_] = good & (left < shading.WORST_SHARE)
+    sound = good & (left < shading.WORST_SHARE)
     shift = shading.pooled(
         shading.Flanks(
             low_px=flanks.low_px - place,
             high_px=flanks.high_px - place,
-            stations=np.where(sound, flanks.stations, 0.0),
+            stations=np.where(sound, stations, 0.0),
             normal=flanks.normal,
         )
     )
     limit = shading.LARGEST_RADII * radius[:, None, None]
     loose = np.where(sound, np.hypot(SHADED_SIGMA_PX, left * radius[:, None]), unsure)
-    return np.clip(shift, -limit, limit), loose, gamma, blur
+    return np.clip(shift, -limit, limit), loose, shading.GAMMAS[kind], blur

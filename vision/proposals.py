@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vision.along import FLANK_SIGMA_PX, along
 from vision.edges import Edges, Ids, Reals
-from vision.flank import nearest_edge
-from vision.jit import compiled
+from vision.flank import SAME_WAY
+from vision.jit import compiled, compiled_sums
 from vision.types import Floats, Ints, read_only
 
 TURNS = 180
@@ -27,7 +28,9 @@ MOST_LINES = 1200
 WINDOWS = 3
 REACH_LENGTHS = 1.6
 """How far beyond its middle a line is looked along, in part lengths."""
-FLANK_SIGMA_PX = 0.8
+OPPOSITE_PX = 1.6
+VOTE_PX, CELL_PX = 2.2, 4
+"""How far from a line votes for it are; votes of one direction are sorted by such stretches of distance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,85 +64,133 @@ def lines(found: Edges, pieces: Floats, width_px: float, length_px: float) -> Li
             tips=np.zeros((0, 2 * reach + 1, 2), np.float32),
             reach_px=reach,
         )
-    votes, order, starts, around = _votes(found.table, found.at, found.ground, width_px)
+    votes, starts, middle, radius = _votes(found.table, found.at, found.ground, width_px)
     least = FAINTEST_LENGTHS * length_px
-    board, middle, radius = _board(votes, order, around)
+    board = _board(votes, radius)
     peaks = np.concatenate([_as_peaks(pieces, middle, radius), _peaks(board, radius, least)])
     table, count = _fit(votes, starts, peaks, middle, radius, length_px, least)
     table = table[:count].copy()
-    total, tips = _along(found.table, found.ground, starts, order, table, width_px, reach)
+    total, tips = along(found.table, found.ground, table, width_px, reach)
     return Lines(table=read_only(table), total=total, tips=tips, reach_px=reach)
 
 
 @compiled
 def _votes(
     table: Reals, at: Ids, ground: npt.NDArray[np.uint8], width: float
-) -> tuple[Floats, Ints, Ints, Floats]:
-    """Centre and weight of every edge's vote, sorted by direction of the line; rows x, y, angle, weight.
+) -> tuple[Floats, Ints, Floats, int]:
+    """Centre and weight of the votes, sorted by direction of their line and by its distance from the middle.
 
     Returns
     -------
-    votes : (N, 4), order : (N,) edge of each vote, starts : (TURNS + 1,), around : (4,) least and greatest
-    x and y"""
+    votes : (N, 4)
+        Rows x, y from the middle, direction as a number of turns, weight.
+    starts : (TURNS, C + 1)
+        Where those of each direction, and in it of every `CELL_PX` of distance from -radius on, begin.
+    middle : (2,)
+        Of all votes.
+    radius : int
+        No vote is further from there.
+    """
     count = len(table)
     raw = np.empty((count, 4))
-    turn = np.empty(count, np.int64)
-    free = np.zeros(count, np.uint16)
-    starts = np.zeros(TURNS + 1, np.int64)
-    around = np.array([1e9, -1e9, 1e9, -1e9])
+    kept = 0
+    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
     for edge in range(count):
         x, y, ux, uy = table[edge, 0], table[edge, 1], table[edge, 2], table[edge, 3]
+        # every second one, however many lie in a row
+        if (edge + int(y) // 2) % 2 == 1:
+            continue
         cx, cy = x + 0.5 * width * ux, y + 0.5 * width * uy
-        angle = np.arctan2(ux, -uy) % np.pi
-        turn[edge] = int(angle / np.pi * TURNS + 0.5) % TURNS
-        starts[turn[edge] + 1] += 1
         column, row = int(cx + 0.5), int(cy + 0.5)
-        weight = 0.0
-        if 0 <= column < ground.shape[1] and 0 <= row < ground.shape[0] and ground[row, column] != 0:
-            other, off = nearest_edge(table, at, free, x + width * ux, y + width * uy, -ux, -uy, 1.6)
-            weight = 0.3
-            if other >= 0:
-                weight += 0.7 * table[other, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2)
-        raw[edge, 0], raw[edge, 1], raw[edge, 2], raw[edge, 3] = cx, cy, angle, weight
-        around[0], around[1] = min(around[0], cx), max(around[1], cx)
-        around[2], around[3] = min(around[2], cy), max(around[3], cy)
-    for k in range(TURNS):
-        starts[k + 1] += starts[k]
-    place = starts[:-1].copy()
-    votes = np.empty((count, 4))
-    order = np.empty(count, np.int64)
-    for edge in range(count):
-        k = place[turn[edge]]
-        place[turn[edge]] += 1
-        votes[k] = raw[edge]
-        order[k] = edge
-    return votes, order, starts, around
+        if not (0 <= column < ground.shape[1] and 0 <= row < ground.shape[0]) or ground[row, column] == 0:
+            continue
+        other, off = _opposite(table, at, x + width * ux, y + width * uy, -ux, -uy)
+        weight = 0.6
+        if other >= 0:
+            weight += 1.4 * table[other, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2)
+        angle = np.arctan2(ux, -uy)
+        if angle < 0.0:
+            angle += np.pi
+        raw[kept, 0], raw[kept, 1], raw[kept, 2], raw[kept, 3] = cx, cy, angle / np.pi * TURNS, weight
+        low_x, high_x = min(low_x, cx), max(high_x, cx)
+        low_y, high_y = min(low_y, cy), max(high_y, cy)
+        kept += 1
+    if kept == 0:
+        return np.empty((0, 4)), np.zeros((TURNS, 2), np.int64), np.zeros(2), 3
+    middle = np.array([0.5 * (low_x + high_x), 0.5 * (low_y + high_y)])
+    radius = int(0.5 * np.hypot(high_x - low_x, high_y - low_y)) + 3
+    cells = 2 * radius // CELL_PX + 1
+    starts = np.zeros((TURNS, cells + 1), np.int64)
+    place = np.empty(kept, np.int64)
+    for vote in range(kept):
+        raw[vote, 0] -= middle[0]
+        raw[vote, 1] -= middle[1]
+        turn = int(raw[vote, 2] + 0.5) % TURNS
+        turned = turn * np.pi / TURNS
+        distance = raw[vote, 1] * np.cos(turned) - raw[vote, 0] * np.sin(turned)
+        place[vote] = turn * (cells + 1) + int(distance + radius) // CELL_PX
+        starts.reshape(-1)[place[vote]] += 1
+    begin = 0
+    flat = starts.reshape(-1)
+    for k in range(len(flat)):
+        begin, flat[k] = begin + flat[k], begin
+    votes = np.empty((kept, 4))
+    filled = flat.copy()
+    for vote in range(kept):
+        k = filled[place[vote]]
+        filled[place[vote]] += 1
+        for n in range(4):
+            votes[k, n] = raw[vote, n]
+    return votes, starts, middle, radius
 
 
 @compiled
-def _board(votes: Floats, order: Ints, around: Floats) -> tuple[Reals, Floats, int]:
-    """The voting board (TURNS, 2 radius): direction by signed distance from the middle of all votes."""
-    middle = np.array([0.5 * (around[0] + around[1]), 0.5 * (around[2] + around[3])])
-    radius = int(0.5 * np.hypot(around[1] - around[0], around[3] - around[2])) + 3
-    board = np.zeros((TURNS, 2 * radius), np.float32)
-    sines = np.sin(np.arange(TURNS) * np.pi / TURNS)
-    cosines = np.cos(np.arange(TURNS) * np.pi / TURNS)
-    for k in range(len(order)):
-        weight = votes[k, 3]
-        if weight == 0.0:
+def _opposite(table: Reals, at: Ids, x: float, y: float, nx: float, ny: float) -> tuple[int, float]:
+    """The edge nearest to (x, y) along the unit direction (nx, ny) that looks that way, -1: none within
+    `OPPOSITE_PX`; its offset. As `nearest_edge`, at five places and with nothing taken."""
+    best, best_off = -1, 0.0
+    nearest = OPPOSITE_PX
+    for step in range(-2, 3):
+        off = 0.5 * step * OPPOSITE_PX
+        column, row = int(x + off * nx + 0.5), int(y + off * ny + 0.5)
+        if column < 0 or row < 0 or column >= at.shape[1] or row >= at.shape[0]:
             continue
-        x, y = votes[k, 0] - middle[0], votes[k, 1] - middle[1]
-        centre = int(votes[k, 2] / np.pi * TURNS + 0.5)
+        edge = at[row, column]
+        if edge < 0 or edge == best or table[edge, 2] * nx + table[edge, 3] * ny < SAME_WAY:
+            continue
+        along = (table[edge, 0] - x) * nx + (table[edge, 1] - y) * ny
+        if abs(along) <= nearest:
+            nearest = abs(along)
+            best, best_off = edge, along
+    return best, best_off
+
+
+@compiled
+def _board(votes: Floats, radius: int) -> Reals:
+    """The voting board (TURNS, 2 radius): direction by signed distance from the middle of all votes."""
+    board = np.zeros((TURNS, 2 * radius), np.float32)
+    # directions beyond half a turn and below zero too, so that steps need not be taken round
+    sines = np.sin(np.arange(-SPREAD, TURNS + SPREAD + 1) * np.pi / TURNS)
+    cosines = np.cos(np.arange(-SPREAD, TURNS + SPREAD + 1) * np.pi / TURNS)
+    for k in range(len(votes)):
+        weight = votes[k, 3]
+        x, y = votes[k, 0], votes[k, 1]
+        centre = int(votes[k, 2] + 0.5)
         for step in range(-SPREAD, SPREAD + 1):
-            turn = (centre + step) % TURNS
-            distance = -sines[turn] * x + cosines[turn] * y + radius
+            turn = centre + step
+            distance = -sines[turn + SPREAD] * x + cosines[turn + SPREAD] * y
+            # the same line the other way round lies on the other side
+            if turn < 0:
+                turn, distance = turn + TURNS, -distance
+            elif turn >= TURNS:
+                turn, distance = turn - TURNS, -distance
+            distance += radius
             cell = int(distance)
             share = distance - cell
             part = weight * (1 - 0.5 * abs(step) / SPREAD)
-            if cell >= 0 and cell + 1 < 2 * radius:
-                board[turn, cell] += part * (1 - share)
-                board[turn, cell + 1] += part * share
-    return board, middle, radius
+            board[turn, cell] += part * (1 - share)
+            board[turn, cell + 1] += part * share
+    return board
 
 
 def _as_peaks(pieces: Floats, middle: Floats, radius: int) -> Floats:
@@ -196,41 +247,53 @@ def _fit(
 ) -> tuple[Floats, int]:
     """Robust lines through the votes near each peak, for up to `WINDOWS` stretches of a part's length.
 
-    Tukey's weights over the distance from the line, the window narrowing from 2 to 1 px.
+    Tukey's weights over the distance from the line, the window narrowing from 2 to 1 px. All in the frame of
+    the peak's line: along it and across it.
     """
     table = np.empty((MOST_LINES, 4))
     count = 0
     size = len(votes)
-    along, across, which = np.empty(size), np.empty(size), np.empty(size, np.int64)
+    along, across, weights = np.empty(size), np.empty(size), np.empty(size)
+    x, y, w = np.empty(size), np.empty(size), np.empty(size)
+    total = np.empty(2 * radius + 4)
     band = int(0.2 / np.pi * TURNS) + 1
+    cells = starts.shape[1] - 1
+    span = int(1.02 * length)
+    line = np.empty(4)
     for peak in range(len(peaks)):
         angle = peaks[peak, 0] * np.pi / TURNS
         distance = peaks[peak, 1] - radius
         ux, uy = np.cos(angle), np.sin(angle)
-        bx, by = middle[0] - uy * distance, middle[1] + ux * distance
+        bx, by = -uy * distance, ux * distance
         near = 0
         low, high = 1e9, -1e9
-        for step in range(-band, band + 1):
-            turn = (int(peaks[peak, 0] + 0.5) + step) % TURNS
-            for k in range(starts[turn], starts[turn + 1]):
-                if votes[k, 3] == 0.0:
-                    continue
+        # half of what of the line is within the radius
+        half = np.sqrt(max(radius * radius - distance * distance, 0.0))
+        for turn in range(int(peaks[peak, 0] + 0.5) - band, int(peaks[peak, 0] + 0.5) + band + 1):
+            # where, votes of the line may be; beyond half a turn the other way round
+            off_turn = turn * np.pi / TURNS - angle
+            centre, spread = distance * np.cos(off_turn), half * abs(np.sin(off_turn)) + VOTE_PX + 0.1
+            if turn < 0 or turn >= TURNS:
+                centre = -centre
+            own = turn % TURNS
+            first = max(0, int(centre - spread + radius) // CELL_PX)
+            last = min(cells - 1, int(max(0.0, centre + spread + radius)) // CELL_PX)
+            for k in range(starts[own, first], starts[own, max(first, last + 1)]):
                 off = -(votes[k, 0] - bx) * uy + (votes[k, 1] - by) * ux
-                if abs(off) > 2.2:
+                if abs(off) > VOTE_PX:
                     continue
                 t = (votes[k, 0] - bx) * ux + (votes[k, 1] - by) * uy
-                along[near], across[near], which[near] = t, off, k
+                along[near], across[near], weights[near] = t, off, votes[k, 3]
                 low, high = min(low, t), max(high, t)
                 near += 1
-        if near < 8:
+        if near < 5:
             continue
         bins = int(high - low) + 2
-        total = np.zeros(bins + 1)
+        total[: bins + 1] = 0.0
         for q in range(near):
-            total[int(along[q] - low) + 1] += votes[which[q], 3] * (1 - abs(across[q]) / 2.5)
+            total[int(along[q] - low) + 1] += weights[q] * (1 - abs(across[q]) / 2.5)
         for q in range(bins):
             total[q + 1] += total[q]
-        span = int(1.02 * length)
         for _ in range(WINDOWS):
             best, at = 0.0, 0
             for s in range(5 - span, bins):
@@ -242,51 +305,26 @@ def _fit(
             a, b = max(at, 0), min(at + span, bins)
             for q in range(a, bins + 1):
                 total[q] = total[a] if q < b else total[q] - best
-            cx, cy = bx + (low + 0.5 * (a + b)) * ux, by + (low + 0.5 * (a + b)) * uy
-            vx, vy = ux, uy
-            window = 2.0
-            good = True
-            along_m = 0.0
-            for turn_of in range(4):
-                sw = sx = sy = sxx = sxy = syy = 0.0
-                for q in range(near):
-                    if along[q] - low < a - 2 or along[q] - low > b + 2:
-                        continue
-                    k = which[q]
-                    x, y = votes[k, 0] - cx, votes[k, 1] - cy
-                    off = -x * vy + y * vx
-                    if abs(off) >= window:
-                        continue
-                    weight = votes[k, 3] * (1 - (off / window) ** 2) ** 2
-                    sw += weight
-                    sx += weight * x
-                    sy += weight * y
-                    sxx += weight * x * x
-                    sxy += weight * x * y
-                    syy += weight * y * y
-                if sw < 4:
-                    good = False
-                    break
-                sx, sy = sx / sw, sy / sw
-                sxx, sxy, syy = sxx / sw - sx * sx, sxy / sw - sx * sy, syy / sw - sy * sy
-                turned = 0.5 * np.arctan2(2 * sxy, sxx - syy)
-                vx, vy = np.cos(turned), np.sin(turned)
-                cx += sx
-                cy += sy
-                along_m = np.sqrt(max(sxx * vx * vx + 2 * sxy * vx * vy + syy * vy * vy, 0.0))
-                window = 2.0 if turn_of == 0 else (1.5 if turn_of == 1 else 1.0)
-            if not good or along_m < 3:
+            within = 0
+            for q in range(near):
+                if a - 2 <= along[q] - low <= b + 2:
+                    x[within], y[within], w[within] = along[q], across[q], weights[q]
+                    within += 1
+            line[0], line[1], line[2], line[3] = low + 0.5 * (a + b), 0.0, 1.0, 0.0
+            if not _settle(x[:within], y[:within], w[:within], line):
                 continue
+            cx = middle[0] + bx + line[0] * ux - line[1] * uy
+            cy = middle[1] + by + line[0] * uy + line[1] * ux
+            vx, vy = line[2] * ux - line[3] * uy, line[2] * uy + line[3] * ux
             if vy < 0 or (vy == 0 and vx < 0):
                 vx, vy = -vx, -vy
             double = False
             for q in range(count):
-                cross = abs(table[q, 2] * vy - table[q, 3] * vx)
-                if cross < 0.012 and table[q, 2] * vx + table[q, 3] * vy > -2:
-                    x, y = cx - table[q, 0], cy - table[q, 1]
+                if abs(table[q, 2] * vy - table[q, 3] * vx) < 0.012:
+                    dx, dy = cx - table[q, 0], cy - table[q, 1]
                     if (
-                        abs(x * table[q, 2] + y * table[q, 3]) < 0.5 * length
-                        and abs(-x * table[q, 3] + y * table[q, 2]) < 0.7
+                        abs(dx * table[q, 2] + dy * table[q, 3]) < 0.5 * length
+                        and abs(-dx * table[q, 3] + dy * table[q, 2]) < 0.7
                     ):
                         double = True
                         break
@@ -299,86 +337,35 @@ def _fit(
     return table, count
 
 
-@compiled
-def _along(
-    edge_table: Reals,
-    ground: npt.NDArray[np.uint8],
-    starts: Ints,
-    order: Ints,
-    table: Floats,
-    width: float,
-    reach: int,
-) -> tuple[Floats, Reals]:
-    """Evidence along every line, gathered from the edges of fitting direction.
-
-    A place without part in it counts -1.5, one without flanks -0.15, one flank +0.3, both +1.35.
-    """
-    count = len(table)
-    size = 2 * reach + 1
-    total = np.zeros((count, size + 1))
-    tips = np.zeros((count, size, 2), np.float32)
-    low, high = np.zeros(size), np.zeros(size)
-    band = int(0.3 / np.pi * TURNS) + 1
-    tip_band = int(0.4 / np.pi * TURNS) + 1
-    for line in range(count):
-        ox, oy, ux, uy = table[line, 0], table[line, 1], table[line, 2], table[line, 3]
-        low[:] = 0.0
-        high[:] = 0.0
-        own = int((np.arctan2(uy, ux) % np.pi) / np.pi * TURNS + 0.5)
-        for step in range(-band, band + 1):
-            turn = (own + step) % TURNS
-            for k in range(starts[turn], starts[turn + 1]):
-                e = order[k]
-                x, y = edge_table[e, 0] - ox, edge_table[e, 1] - oy
-                off = -x * uy + y * ux
-                if abs(abs(off) - 0.5 * width) > 2.0:
-                    continue
-                looks = -edge_table[e, 2] * uy + edge_table[e, 3] * ux
-                # the bright side is the line's side
-                if looks * off > 0:
-                    continue
-                place = int(x * ux + y * uy + reach + 0.5)
-                if place < 0 or place >= size:
-                    continue
-                miss = abs(off) - 0.5 * width
-                value = edge_table[e, 4] * np.exp(-0.5 * (miss / FLANK_SIGMA_PX) ** 2)
-                if off > 0:
-                    high[place] = max(high[place], value)
-                else:
-                    low[place] = max(low[place], value)
-        across = own + TURNS // 2
-        for step in range(-tip_band, tip_band + 1):
-            turn = (across + step) % TURNS
-            for k in range(starts[turn], starts[turn + 1]):
-                e = order[k]
-                x, y = edge_table[e, 0] - ox, edge_table[e, 1] - oy
-                off = -x * uy + y * ux
-                if abs(off) > 0.4 * width:
-                    continue
-                forward = edge_table[e, 2] * ux + edge_table[e, 3] * uy
-                end = 0 if forward > 0 else 1
-                centre = x * ux + y * uy + reach
-                # an end face of width w gives about w edges
-                for place in range(int(centre) - 1, int(centre) + 3):
-                    if 0 <= place < size:
-                        off_t = place - centre
-                        tips[line, place, end] += (
-                            edge_table[e, 4] * np.exp(-0.5 * off_t * off_t) / max(0.8 * width, 1.0)
-                        )
-        for q in range(1, size - 1):
-            if low[q] == 0.0 and low[q - 1] > 0.0 and low[q + 1] > 0.0:
-                low[q] = min(low[q - 1], low[q + 1])
-            if high[q] == 0.0 and high[q - 1] > 0.0 and high[q + 1] > 0.0:
-                high[q] = min(high[q - 1], high[q + 1])
-        for q in range(size):
-            x, y = int(ox + (q - reach) * ux + 0.5), int(oy + (q - reach) * uy + 0.5)
-            if x < 0 or y < 0 or x >= ground.shape[1] or y >= ground.shape[0]:
-                value = -1.0
-            elif ground[y, x] == 0:
-                value = -1.5
-            else:
-                value = -0.15 + 0.45 * (low[q] + high[q]) + 0.6 * min(low[q], high[q])
-            total[line, q + 1] = total[line, q] + value
-            tips[line, q, 0] = min(tips[line, q, 0], 1.0)
-            tips[line, q, 1] = min(tips[line, q, 1], 1.0)
-    return total, tips
+@compiled_sums
+def _settle(x: Floats, y: Floats, w: Floats, line: Floats) -> bool:
+    """Moves a line, a point and the unit direction, onto weighted points; False: too few lie on it."""
+    cx, cy, vx, vy = line[0], line[1], line[2], line[3]
+    window = 2.0
+    along = 0.0
+    for turn_of in range(4):
+        sw = sx = sy = sxx = sxy = syy = 0.0
+        per_window = 1.0 / (window * window)
+        for q in range(len(x)):
+            dx, dy = x[q] - cx, y[q] - cy
+            off = dy * vx - dx * vy
+            near = max(0.0, 1.0 - off * off * per_window)
+            weight = w[q] * near * near
+            sw += weight
+            sx += weight * dx
+            sy += weight * dy
+            sxx += weight * dx * dx
+            sxy += weight * dx * dy
+            syy += weight * dy * dy
+        if sw < 4:
+            return False
+        sx, sy = sx / sw, sy / sw
+        sxx, sxy, syy = sxx / sw - sx * sx, sxy / sw - sx * sy, syy / sw - sy * sy
+        turned = 0.5 * np.arctan2(2 * sxy, sxx - syy)
+        vx, vy = np.cos(turned), np.sin(turned)
+        cx += sx
+        cy += sy
+        along = np.sqrt(max(sxx * vx * vx + 2 * sxy * vx * vy + syy * vy * vy, 0.0))
+        window = 2.0 if turn_of == 0 else (1.5 if turn_of == 1 else 1.0)
+    line[0], line[1], line[2], line[3] = cx, cy, vx, vy
+    return along >= 3

@@ -42,12 +42,10 @@ def locate_published(
 ) -> Scene:
     """Find parts by comparing the skeleton graphs of two pictures, as published.
 
+    Parameters as for `vision.locate.locate`, and the same errors.
+
     Parameters
     ----------
-    left_grey, right_grey : (H, W) uint8
-        Raw pictures of the two calibrated cameras.
-    stereo_model, part, tuning, table
-        See their records. Without ``tuning.depth_m`` a table is needed.
     observe
         Called with ``rectify``, ``binarize``, ``thin``, ``graph`` (pairs left, right), ``match``,
         ``reconstruct`` and ``retrieve``.
@@ -56,11 +54,6 @@ def locate_published(
     -------
     Scene
         Views are in rectified pixels; candidates and segments in the raw left camera frame.
-
-    Raises
-    ------
-    ValueError
-        Pictures of a wrong type or size, or neither a depth range nor a table.
     """
     require_pictures(left_grey, right_grey, stereo_model)
     tell = observe or _nobody

@@ -32,6 +32,8 @@ CAP_AWAY, CAP_DOUBT, TOWARDS_DOUBT = 0.7, 0.2, 0.4
 and both are within the doubt."""
 DAMPING = 0.3
 LONGEST_STEP_PX = 3.0
+SEARCHED, MOST_SAMPLES = 2, 1024
+"""In how many first rounds edges are looked up anew, then in every second; how many places of an axis."""
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -43,6 +45,38 @@ def axis_length(p: Floats, fb: float, focal: float, cx: float, cy: float) -> flo
     x = ((p[0] - cx) * za - (p[3] - cx) * zb) / focal
     y = ((p[1] - cy) * za - (p[4] - cy) * zb) / focal
     return float(np.sqrt(x * x + y * y + (za - zb) ** 2))
+
+
+@compiled
+def _length_and_slope(p: Floats, fb: float, focal: float, cx: float, cy: float, slope: Floats) -> float:
+    """`axis_length`, and into ``slope`` (6,) what it changes by with each number of p."""
+    za, zb = fb / p[2], fb / p[5]
+    xa, ya, xb, yb = (p[0] - cx) / focal, (p[1] - cy) / focal, (p[3] - cx) / focal, (p[4] - cy) / focal
+    x, y, z = xa * za - xb * zb, ya * za - yb * zb, za - zb
+    length = np.sqrt(x * x + y * y + z * z)
+    ux, uy, uz = x / length, y / length, z / length
+    slope[0], slope[1], slope[2] = ux * za / focal, uy * za / focal, -(ux * xa + uy * ya + uz) * za / p[2]
+    slope[3], slope[4], slope[5] = -ux * zb / focal, -uy * zb / focal, (ux * xb + uy * yb + uz) * zb / p[5]
+    return float(length)
+
+
+@compiled
+def _solve(matrix: Floats, right: Floats) -> None:
+    """Solve a positive definite system of six in place, by Cholesky; ``right`` becomes the solution."""
+    for a in range(6):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= matrix[a, c] * matrix[b, c]
+            matrix[a, b] = np.sqrt(max(total, 1e-12)) if a == b else total / matrix[b, b]
+    for a in range(6):
+        for c in range(a):
+            right[a] -= matrix[a, c] * right[c]
+        right[a] /= matrix[a, a]
+    for a in range(5, -1, -1):
+        for c in range(a + 1, 6):
+            right[a] -= matrix[c, a] * right[c]
+        right[a] /= matrix[a, a]
 
 
 @compiled
@@ -132,6 +166,7 @@ def refine(
     normals = np.zeros((len(hypotheses), 6, 6))
     matrix, own = np.zeros((6, 6)), np.zeros((6, 6))
     right, row = np.zeros(6), np.zeros(6)
+    met, steps_of = np.full((2, MOST_SAMPLES, 2), -1, np.int64), np.zeros(2, np.int64)
     for h in range(len(hypotheses)):
         p = hypotheses[h, 1:7].copy()
         wide = hypotheses[h, UNIT]
@@ -152,7 +187,10 @@ def refine(
                     continue
                 ux, uy = (xb - xa) / size, (yb - ya) / size
                 nx, ny = -uy, ux
-                steps = int(size / spacing)
+                again = turn < SEARCHED or turn % 2 == 0
+                if again:
+                    steps_of[view] = min(int(size / spacing), MOST_SAMPLES)
+                steps = steps_of[view]
                 aa = ab = bb = ra = rb = 0.0
                 whole = whole_a = whole_b = missed = 0.0
                 for q in range(steps):
@@ -162,11 +200,23 @@ def refine(
                     width = wide * (p[2] + share * (p[5] - p[2]))
                     half = 0.5 * width
                     if share * size < half or (1 - share) * size < half:
+                        if again:
+                            met[view, q, 0], met[view, q, 1] = -1, -1
                         continue
-                    high, off_high = nearest_edge(
-                        table, at, taken, x + nx * half, y + ny * half, -nx, -ny, reach
-                    )
-                    low, off_low = nearest_edge(table, at, taken, x - nx * half, y - ny * half, nx, ny, reach)
+                    hx, hy, lx, ly = x + nx * half, y + ny * half, x - nx * half, y - ny * half
+                    if again:
+                        high, off_high = nearest_edge(table, at, taken, hx, hy, -nx, -ny, reach)
+                        low, off_low = nearest_edge(table, at, taken, lx, ly, nx, ny, reach)
+                        met[view, q, 0], met[view, q, 1] = low, high
+                    else:
+                        # what was met a moment ago is met again, a little further off or nearer
+                        low, high, off_low, off_high = met[view, q, 0], met[view, q, 1], 0.0, 0.0
+                        if high >= 0:
+                            off_high = -(table[high, 0] - hx) * nx - (table[high, 1] - hy) * ny
+                            high = high if abs(off_high) <= reach else -1
+                        if low >= 0:
+                            off_low = (table[low, 0] - lx) * nx + (table[low, 1] - ly) * ny
+                            low = low if abs(off_low) <= reach else -1
                     if high < 0 and low < 0:
                         continue
                     off_low -= shift[h, view, 0]
@@ -233,11 +283,7 @@ def refine(
                         right[3 * end + a] += weight * row[a] * off
                         for b in range(3):
                             matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
-            now = axis_length(p, fb, focal, cx, cy)
-            for a in range(6):
-                moved = p.copy()
-                moved[a] += 1e-3
-                row[a] = (axis_length(moved, fb, focal, cx, cy) - now) / 1e-3
+            now = _length_and_slope(p, fb, focal, cx, cy, row)
             weight = 1 / (length_sigma * length) ** 2 if length > 0 else 0.0
             for a in range(6):
                 right[a] += weight * row[a] * (length - now)
@@ -256,9 +302,9 @@ def refine(
             own[:] = matrix
             for a in range(6):
                 matrix[a, a] += DAMPING
-            step = np.linalg.solve(matrix, right)
+            _solve(matrix, right)
             for a in range(6):
-                p[a] += min(max(step[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)
+                p[a] += min(max(right[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)
             p[2], p[5] = max(p[2], 1.0), max(p[5], 1.0)
             if spread_of * spacing > 20:
                 wide = min(max(wide * (0.5 + 0.5 * spread / spread_of), NARROWEST * unit), WIDEST * unit)

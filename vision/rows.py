@@ -10,13 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
 from vision.explain import Explanation, Frame
-from vision.flank import Counts, nearest_edge, tip_offset
+from vision.flank import Counts, tip_offset
 from vision.jit import compiled
 from vision.refine import UNIT, cap_px
-from vision.types import Floats
+from vision.types import Floats, Ints
 
 LEAST_ENDS = 4
 SIGNIFICANT_SIGMAS, SIGNIFICANT_PX = 4.0, 0.25
@@ -45,11 +46,14 @@ def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> R
     """The median over all ends that both pictures show."""
     if not found.chosen:
         return RowOffset(px=0.0, sigma_px=float("inf"), ends=0)
-    parts = np.ascontiguousarray(found.hypotheses[np.array(found.chosen)])
-    free = [np.zeros(len(of.table) + 1, np.uint16) for of in (left, right)]
-    rows = np.full((2, len(parts), 2), np.nan)
+    chosen, seen = np.array(found.chosen, np.int64), found.seen
+    rows = np.full((2, len(chosen), 2), np.nan)
     for view, of in enumerate((left, right)):
-        _end_rows(parts, view, of.table, of.at, free[view], frame.camera, rows[view])
+        free = np.zeros(len(of.table) + 1, np.uint16)
+        _end_rows(
+            found.hypotheses, chosen, view, seen.count, seen.ends, seen.edge, of.table, of.at, free,
+            frame.camera, rows[view],
+        )  # fmt: skip
     apart = (rows[1] - rows[0]).reshape(-1)
     apart = apart[np.isfinite(apart)]
     if len(apart) < LEAST_ENDS:
@@ -61,28 +65,28 @@ def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> R
 
 @compiled
 def _end_rows(
-    parts: Floats, view: int, table: Reals, at: Ids, free: Counts, camera: Floats, rows: Floats
-) -> None:
+    hypotheses: Floats, chosen: Ints, view: int, count: npt.NDArray[np.int32], ends: Floats, edge: Ids,
+    table: Reals, at: Ids, free: Counts, camera: Floats, rows: Floats,
+) -> None:  # fmt: skip
     """Row of every end in one view, from where its face and the line of its flanks are seen there."""
     focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
-    for h in range(len(parts)):
-        p = parts[h, 1:7]
-        xa, ya, xb, yb = p[0] - view * p[2], p[1], p[3] - view * p[5], p[4]
+    for h in range(len(chosen)):
+        k = chosen[h]
+        p, unit = hypotheses[k, 1:7], hypotheses[k, UNIT]
+        xa, ya, xb, yb = ends[k, view, 0], ends[k, view, 1], ends[k, view, 2], ends[k, view, 3]
         size = np.hypot(xb - xa, yb - ya)
         ux, uy = (xb - xa) / size, (yb - ya) / size
         nx, ny = -uy, ux
         aa = ab = bb = ra = rb = 0.0
-        for q in range(int(size / 2)):
-            share = (q + 0.5) / int(size / 2)
-            x, y = xa + share * (xb - xa), ya + share * (yb - ya)
-            half = 0.5 * parts[h, UNIT] * (p[2] + share * (p[5] - p[2]))
-            if share * size < half or (1 - share) * size < half:
+        for q in range(count[k, view]):
+            share = (q + 0.5) / count[k, view]
+            half = 0.5 * unit * (p[2] + share * (p[5] - p[2]))
+            e, f = edge[k, view, q, 1], edge[k, view, q, 0]
+            if e < 0 or f < 0 or share * size < half or (1 - share) * size < half:
                 continue
-            e, off_high = nearest_edge(table, at, free, x + nx * half, y + ny * half, -nx, -ny, 2.5)
-            f, off_low = nearest_edge(table, at, free, x - nx * half, y - ny * half, nx, ny, 2.5)
-            if e < 0 or f < 0:
-                continue
-            miss = 0.5 * (off_low - off_high)
+            # the middle between the flanks, from the axis
+            miss = 0.5 * ((table[e, 0] + table[f, 0]) * nx + (table[e, 1] + table[f, 1]) * ny)
+            miss -= (xa + share * (xb - xa)) * nx + (ya + share * (yb - ya)) * ny
             aa += (1 - share) ** 2
             ab += share * (1 - share)
             bb += share * share
@@ -96,7 +100,7 @@ def _end_rows(
             ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
             x, y = (xa, ya) if end == 0 else (xb, yb)
             aside = off_a if end == 0 else off_b
-            width = parts[h, UNIT] * p[3 * end + 2]
+            width = unit * p[3 * end + 2]
             off, lanes, _ = tip_offset(
                 table, at, free, x + aside * nx, y + aside * ny, ox, oy, width, REACH_PX
             )

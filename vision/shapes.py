@@ -77,12 +77,12 @@ def locate_shapes(
 ) -> Scene:
     """Find parts with a topology in a calibrated stereo pair.
 
+    Parameters as for `vision.locate.locate`, and the same errors; also for a part without a topology.
+
     Parameters
     ----------
-    left_grey, right_grey : (H, W) uint8
-        Raw pictures of the two calibrated cameras.
-    stereo_model, part, tuning, table
-        See their records. Without a table one is assumed parallel to the left picture at the far end of
+    table
+        Without one it is assumed parallel to the left picture at the far end of
         ``tuning.depth_m``.
     observe
         Called with ``binarize``, ``thin``, ``graph`` (pairs left, right), ``strands`` (poses at table
@@ -93,11 +93,6 @@ def locate_shapes(
     Scene
         Views are in raw pixels; candidates and segments in the raw left camera frame. Shapes are matched
         as wholes, so ``matches`` has no rows.
-
-    Raises
-    ------
-    ValueError
-        Pictures of a wrong type or size, neither a depth range nor a table, or a part without a topology.
     """
     require_pictures(left_grey, right_grey, stereo_model)
     if part.topology is None:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from vision.baseline import MOST, STEEPEST
 from vision.canvas import Canvas
 from vision.edges import Reals
 from vision.jit import compiled
 from vision.proposals import Lines
 from vision.refine import SCORE, axis_length
 from vision.types import Floats
-from vision.windows import MIXED, MOST, STEEPEST, by_score, within
+from vision.windows import MIXED, by_score, where_positive, within
 
 SEEN_TIP = 0.4
 SHORTEST_LENGTHS, LONGEST, OWN_SHARE = 0.25, 2.5, 0.05
@@ -139,15 +140,25 @@ def _longest_run(
     d0 = ax - bx - (ay - by) / vy * vx
     slope = ux - fall * vx
     back = (ay - by) / vy
+    # how steep it is, as in `vision.windows`
+    gx, gy, gz = ux * d0 - (ax - cx) * slope, uy * d0 - (ay - cy) * slope, focal * slope
+    if focal * abs(slope) > STEEPEST * np.sqrt(gx * gx + gy * gy + gz * gz):
+        return count
+    # only where the line lies between the planes: low <= d0 + slope t <= high
+    low_d = planes[0, 0] * ax + planes[0, 1] * ay + planes[0, 2]
+    high_d = planes[1, 0] * ax + planes[1, 1] * ay + planes[1, 2]
+    low_k, high_k = planes[0, 0] * ux + planes[0, 1] * uy, planes[1, 0] * ux + planes[1, 1] * uy
+    first, last = where_positive(d0 - low_d, slope - low_k, float(-reach), reach - 1.0)
+    first, last = where_positive(high_d - d0, high_k - slope, first, last)
+    # and where the right line has evidence: 0 <= back + fall t + reach < 2 reach
+    first, last = where_positive(back + reach, fall, first, last)
+    first, last = where_positive(reach - 1.0 - back, -fall, first, last)
+    if last - first < SHORTEST_LENGTHS * length_px - 1.0:
+        return count
     best, best_from, best_to = 0.0, 0, 0
-    total, begun = 0.0, -reach
-    for t in range(-reach, reach):
-        other = back + fall * t
-        at = int(other + reach)
-        d = d0 + t * slope
-        if at < 0 or at + 1 > 2 * reach or not within(planes, ax + t * ux, ay + t * uy, d):
-            total, begun = 0.0, t + 1
-            continue
+    total, begun = 0.0, int(np.ceil(first))
+    for t in range(int(np.ceil(first)), int(last) + 1):
+        at = int(back + fall * t + reach)
         value = min(total_l[i, t + reach + 1] - total_l[i, t + reach], total_r[j, at + 1] - total_r[j, at])
         total += value - RUN_LEVEL
         if total <= 0.0:

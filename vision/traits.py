@@ -13,7 +13,7 @@ from vision.jit import compiled
 from vision.refine import UNIT
 from vision.types import Floats, Ints
 
-SAMPLE_PX = 1.5
+SAMPLE_PX = 2.5
 FLANK_REACH_PX, FLANK_SIGMA_PX = 1.3, 0.8
 TIP_REACH_PX, TIP_SIGMA_PX = 2.0, 1.2
 CLAIM_PX = 1.5

@@ -323,7 +323,8 @@ class Candidate:
     ``start``, ``end``, ``centre`` (3,) m and ``axis`` (3,) unit from start to end, left camera
     frame; ``nodes`` (K, 3) m in the order of the part's topology, for a stick its two ends.
     ``refusals`` is empty for an offered one. ``sigma_m`` standard deviation of the centre in its worst
-    direction (nearly always depth), ``sigma_rad`` of the axis; NaN where the method does not tell.
+    direction (nearly always depth), ``sigma_rad`` of the axis; ``width_m`` how thick its edges have it; NaN
+    where the method does not tell.
     """
 
     part_code: int
@@ -338,6 +339,7 @@ class Candidate:
     refusals: tuple[Refused, ...] = ()
     sigma_m: float = float("nan")
     sigma_rad: float = float("nan")
+    width_m: float = float("nan")
 
     @property
     def offered(self) -> bool:

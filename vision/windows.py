@@ -10,31 +10,27 @@ from __future__ import annotations
 
 import numpy as np
 
+from vision.along import NOTHING, window_value
+from vision.baseline import MOST, NEAR_BASELINE, SLANTS, STEEPEST, TILT_LENGTHS, flat_pair, slanted, wide
 from vision.canvas import Canvas
 from vision.edges import Reals
 from vision.jit import compiled
 from vision.proposals import Lines
-from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB, axis_length
+from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB
 from vision.types import Floats, Ints
 
 FLAT = 0.17
 """Sine of the angle to the baseline below which disparity along a line means little."""
 MIXED, SHALLOW = 0.07, 0.4
-STEEPEST = 0.8
-"""Height difference of the ends in lengths."""
 LEAST_LENGTHS = 0.1
 """Least evidence of a window in both pictures together, in twice the part's length."""
 TIP_WIDTHS = 1.3
 BEYOND_WIDTHS = 2.5
-BEYOND_WEIGHT = 0.5
-TILT_LENGTHS = 0.1
-"""What an end is worth, how far beyond it evidence must not continue, what that costs, what a steep part
-costs."""
-ROW_PX = 1.6
-MOST = 20000
+"""What an end is worth, how far beyond it evidence must not continue."""
 BEATEN = 0.45
 """A hypothesis with a smaller share of the evidence of another in its place is not looked at further."""
-NOTHING = -1e9
+MOST_SQUARES = 400
+"""Squares of the picture along either side in which hypotheses are sought that are one before them."""
 
 
 def windows(
@@ -71,25 +67,48 @@ def by_score(found: Floats, unit: float, length_m: float, kind: float) -> Floats
 
 @compiled
 def distinct(found: Floats, near_px: float) -> Ints:
-    """Rows of sorted hypotheses that are not, within ``near_px`` in every number, one before them."""
-    kept = np.empty(len(found), np.int64)
+    """Rows of sorted hypotheses that are not, within ``near_px`` in every number, one before them.
+
+    Whichever way round two of them lie, their middles are within ``near_px`` then, so only those of a few
+    squares of the picture are compared.
+    """
+    rows = len(found)
+    kept = np.empty(rows, np.int64)
+    if rows == 0:
+        return kept
+    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
+    for row in range(rows):
+        x, y = found[row, XA] + found[row, XB], found[row, YA] + found[row, YB]
+        low_x, high_x = min(low_x, x), max(high_x, x)
+        low_y, high_y = min(low_y, y), max(high_y, y)
+    # squares of twice the middles
+    side = max(2.0 * near_px + 1e-6, (high_x - low_x) / MOST_SQUARES, (high_y - low_y) / MOST_SQUARES)
+    across, down = int((high_x - low_x) / side) + 3, int((high_y - low_y) / side) + 3
+    head = np.full((down, across), -1, np.int32)
+    following = np.empty(rows, np.int32)
     count = 0
-    for row in range(len(found)):
+    for row in range(rows):
+        i = int((found[row, XA] + found[row, XB] - low_x) / side) + 1
+        j = int((found[row, YA] + found[row, YB] - low_y) / side) + 1
         double = False
-        for k in range(count):
-            other = kept[k]
-            same, turned = 0.0, 0.0
-            for n in range(3):
-                same = max(same, abs(found[row, 1 + n] - found[other, 1 + n]))
-                same = max(same, abs(found[row, 4 + n] - found[other, 4 + n]))
-                turned = max(turned, abs(found[row, 1 + n] - found[other, 4 + n]))
-                turned = max(turned, abs(found[row, 4 + n] - found[other, 1 + n]))
-            if min(same, turned) < near_px:
-                double = True
+        for square in range(9):
+            other = head[j + square // 3 - 1, i + square % 3 - 1]
+            while other >= 0 and not double:
+                same, turned = 0.0, 0.0
+                for n in range(3):
+                    same = max(same, abs(found[row, 1 + n] - found[other, 1 + n]))
+                    same = max(same, abs(found[row, 4 + n] - found[other, 4 + n]))
+                    turned = max(turned, abs(found[row, 1 + n] - found[other, 4 + n]))
+                    turned = max(turned, abs(found[row, 4 + n] - found[other, 1 + n]))
+                double = min(same, turned) < near_px
+                other = following[other]
+            if double:
                 break
         if not double:
             kept[count] = row
             count += 1
+            following[row] = head[j, i]
+            head[j, i] = row
     return kept[:count]
 
 
@@ -133,132 +152,145 @@ def outstanding(found: Floats, width_px: float, length_px: float) -> Ints:
 
 
 @compiled
-def window_value(
-    total: Floats, tips: Reals, line: int, reach: int, a: float, b: float, tip: float, beyond: int
-) -> float:
-    """Evidence between two places of a line, with its ends, less what goes on beyond them."""
-    i, j = int(a + reach + 0.5), int(b + reach + 0.5)
-    if i < beyond or j >= 2 * reach - beyond or j <= i:
-        return NOTHING
-    value = total[line, j] - total[line, i] + tip * (tips[line, i, 0] + tips[line, j, 1])
-    before = total[line, i - 2] - total[line, i - beyond]
-    after = total[line, j + beyond] - total[line, j + 2]
-    return float(value - BEYOND_WEIGHT * (max(0.0, before) + max(0.0, after)))
-
-
-@compiled
 def _slide(
-    left: Floats,
-    right: Floats,
-    total_l: Floats,
-    total_r: Floats,
-    tips_l: Reals,
-    tips_r: Reals,
-    reach: int,
-    focal: float,
-    baseline: float,
-    cx: float,
-    cy: float,
-    planes: Floats,
-    length: float,
-    width: float,
+    left: Floats, right: Floats, total_l: Floats, total_r: Floats, tips_l: Reals, tips_r: Reals, reach: int,
+    focal: float, baseline: float, cx: float, cy: float, planes: Floats, length: float, width: float,
     length_px: float,
-) -> tuple[Floats, int]:
+) -> tuple[Floats, int]:  # fmt: skip
+    """Best windows of every two lines, (MOST, 7) score and ends, of which so many are filled.
+
+    Two lines are one line in space: with x(s) = x0 + s u and the disparity d(s) = d0 + s k its point is
+    ``B x(s) / d(s)``, so two places m px apart lie ``B |u d0 - x0 k| m / (d(s) d(s + m))`` metres apart. The
+    window of a known length therefore ends ``m = d^2 / (K - k d)`` px on, K = B |u d0 - x0 k| / length,
+    and all windows are equally steep.
+    """
     found = np.empty((MOST, 7))
     count = 0
-    fb = focal * baseline
     tip, beyond = TIP_WIDTHS * width, int(BEYOND_WIDTHS * width) + 1
     least = 2 * LEAST_LENGTHS * length_px
-    size = 2 * reach + 1
-    score, span, p = np.empty(size), np.empty(size), np.empty(6)
-    alone = np.empty((len(left), size))
-    for i in range(len(left)):
-        for q in range(size):
-            alone[i, q] = window_value(
-                total_l, tips_l, i, reach, float(q - reach), q - reach + length_px, tip, beyond
-            )
+    alone_l = _alone(total_l, tips_l, reach, length_px, tip, beyond)
+    alone_r = _alone(total_r, tips_r, reach, length_px, tip, beyond)
+    most_r = np.empty(len(right))
+    for j in range(len(right)):
+        most_r[j] = alone_r[j].max()
+    wide_l, wide_r = wide(left, tips_l), wide(right, tips_r)
+    score, span, which = np.empty(reach + 2), np.empty(reach + 2), np.empty((reach + 2, 2))
+    reaches, value_l = np.empty((2 * reach + 1, SLANTS)), np.empty((2 * reach + 1, SLANTS))
+    done = -1
+    start, stop = -reach + beyond, reach - beyond - 8
     for i in range(len(left)):
         ax, ay, ux, uy = left[i, 0], left[i, 1], left[i, 2], left[i, 3]
         low_d = planes[0, 0] * ax + planes[0, 1] * ay + planes[0, 2]
         high_d = planes[1, 0] * ax + planes[1, 1] * ay + planes[1, 2]
-        slack = 0.5 * abs(high_d - low_d) + 2.0
+        low_k = planes[0, 0] * ux + planes[0, 1] * uy
+        high_k = planes[1, 0] * ux + planes[1, 1] * uy
         for j in range(len(right)):
             bx, by, vx, vy = right[j, 0], right[j, 1], right[j, 2], right[j, 3]
-            same = ux * vx + uy * vy
             if abs(ay - by) > length_px or ax - bx < low_d - 1.6 * length_px:
                 continue
             if ax - bx > high_d + 1.6 * length_px:
                 continue
-            if uy > MIXED and vy > 0.03 and same > 0.9:
-                fall = uy / vy
-                d0 = ax - bx - (ay - by) / vy * vx
-                slope = ux - fall * vx
-                back = (ay - by) / vy
-                # the steepest part changes its disparity by this much along its length
-                if abs(slope) * length_px > STEEPEST * length * high_d * high_d / fb + 2.0:
-                    continue
-                any_good = False
-                for q in range(size):
-                    score[q] = NOTHING
-                # every other px: refinement does the rest
-                for s in range(-reach + beyond, reach - beyond - 8, 2):
-                    if alone[i, s + reach] < -0.15 * length_px:
-                        continue
-                    da = d0 + s * slope
-                    if da < low_d - slack or da > high_d + slack or da < 1.0:
-                        continue
-                    xa, ya = ax + s * ux, ay + s * uy
-                    m = length * da / baseline
-                    db = d0 + (s + m) * slope
-                    if db < 1.0:
-                        continue
-                    for _ in range(2):
-                        p[0], p[1], p[2], p[3], p[4], p[5] = xa, ya, da, xa + m * ux, ya + m * uy, db
-                        m *= length / axis_length(p, fb, focal, cx, cy)
-                        db = max(d0 + (s + m) * slope, 1.0)
-                    xb, yb = xa + m * ux, ya + m * uy
-                    if not within(planes, xa, ya, da) or not within(planes, xb, yb, db):
-                        continue
-                    steep = abs(fb / da - fb / db) / length
-                    if steep > STEEPEST:
-                        continue
-                    first = window_value(total_l, tips_l, i, reach, float(s), s + m, tip, beyond)
-                    if first < 0.3 * 0.5 * least:
-                        continue
-                    second = window_value(
-                        total_r, tips_r, j, reach, back + fall * s, back + fall * (s + m), tip, beyond
-                    )
-                    score[s + reach] = first + second - TILT_LENGTHS * length_px * steep
-                    span[s + reach] = m
-                    any_good = True
-                if any_good:
-                    for _ in range(4):
-                        q = int(np.argmax(score))
-                        if score[q] < least or count >= MOST:
-                            break
-                        s, m = q - reach, span[q]
-                        found[count, SCORE] = score[q]
-                        found[count, XA], found[count, YA] = ax + s * ux, ay + s * uy
-                        found[count, DA] = d0 + s * slope
-                        found[count, XB], found[count, YB] = ax + (s + m) * ux, ay + (s + m) * uy
-                        found[count, DB] = d0 + (s + m) * slope
-                        count += 1
-                        if uy < SHALLOW and count < MOST:
-                            # the two lines tell the middle's disparity better than its slope: lying flat too
-                            middle = d0 + (s + 0.5 * m) * slope
-                            rise = planes[0, 0] * m * ux + planes[0, 1] * m * uy
-                            for n in range(7):
-                                found[count, n] = found[count - 1, n]
-                            found[count, DA], found[count, DB] = middle - 0.5 * rise, middle + 0.5 * rise
-                            count += 1
-                        for z in range(max(0, q - 8), min(size, q + 9)):
-                            score[z] = NOTHING
-            if uy < FLAT and vy < 0.2 and abs(same) > 0.9:
-                count = _flat_pair(
-                    left, right, i, j, total_l, total_r, tips_l, tips_r, reach, focal, baseline, cx, cy,
-                    planes, length, length_px, tip, beyond, least, found, count,
+            same = ux * vx + uy * vy
+            if abs(same) < 0.9:
+                continue
+            if uy < FLAT and vy < NEAR_BASELINE:
+                if done < i:
+                    slanted(
+                        left, i, total_l, wide_l, alone_l, reach, focal, baseline, cx, cy, planes, length,
+                        length_px, tip, beyond, least, reaches, value_l,
+                    )  # fmt: skip
+                    done = i
+                count = flat_pair(
+                    left, right, i, j, total_l, total_r, tips_l, tips_r, wide_l, wide_r, reaches, value_l,
+                    alone_r, most_r[j], reach, focal, baseline, cx, cy, planes, length, length_px, tip,
+                    beyond, least, score, which, found, count,
                 )  # fmt: skip
+            if uy <= MIXED or vy <= 0.03 or same <= 0.9:
+                continue
+            fall = uy / vy
+            back = (ay - by) / vy
+            d0 = ax - bx - back * vx
+            slope = ux - fall * vx
+            gx, gy, gz = ux * d0 - (ax - cx) * slope, uy * d0 - (ay - cy) * slope, focal * slope
+            size = np.sqrt(gx * gx + gy * gy + gz * gz)
+            steep = focal * abs(slope) / size
+            if steep > STEEPEST:
+                continue
+            # where the line lies between the planes: low_d + low_k s <= d0 + slope s <= high_d + high_k s
+            first, last = where_positive(d0 - low_d, slope - low_k, float(start), float(reach))
+            first, last = where_positive(high_d - d0, high_k - slope, first, last)
+            first, last = where_positive(d0 - 1.0, slope, first, last)
+            # every other px: refinement does the rest
+            begin = start + 2 * max(0, int(np.ceil(0.5 * (first - start))))
+            per_length = baseline * size / length
+            tilt = TILT_LENGTHS * length_px * steep
+            places = 0
+            any_good = False
+            for s in range(begin, min(stop, int(last) + 1), 2):
+                score[places] = NOTHING
+                places += 1
+                if alone_l[i, s + reach] < -0.15 * length_px:
+                    continue
+                d = d0 + s * slope
+                m = d * d / (per_length - d * slope)
+                # m < 0: the line leaves towards the camera before it is long enough
+                if m < 0.0 or s + m > last:
+                    continue
+                one = window_value(total_l, tips_l, i, reach, float(s), s + m, tip, beyond)
+                if one < 0.15 * least:
+                    continue
+                other = window_value(
+                    total_r, tips_r, j, reach, back + fall * s, back + fall * (s + m), tip, beyond
+                )
+                score[places - 1] = one + other - tilt
+                span[places - 1] = m
+                any_good = True
+            if not any_good:
+                continue
+            for _ in range(4):
+                q = int(np.argmax(score[:places]))
+                if score[q] < least or count >= MOST:
+                    break
+                s, m = begin + 2 * q, span[q]
+                found[count, SCORE] = score[q]
+                found[count, XA], found[count, YA] = ax + s * ux, ay + s * uy
+                found[count, DA] = d0 + s * slope
+                found[count, XB], found[count, YB] = ax + (s + m) * ux, ay + (s + m) * uy
+                found[count, DB] = d0 + (s + m) * slope
+                count += 1
+                if uy < SHALLOW and count < MOST:
+                    # the two lines tell the middle's disparity better than its slope: lying flat too
+                    middle = d0 + (s + 0.5 * m) * slope
+                    rise = planes[0, 0] * m * ux + planes[0, 1] * m * uy
+                    for n in range(7):
+                        found[count, n] = found[count - 1, n]
+                    found[count, DA], found[count, DB] = middle - 0.5 * rise, middle + 0.5 * rise
+                    count += 1
+                for z in range(max(0, q - 4), min(places, q + 5)):
+                    score[z] = NOTHING
     return found, count
+
+
+@compiled
+def _alone(total: Floats, tips: Reals, reach: int, length_px: float, tip: float, beyond: int) -> Floats:
+    """(N, 2 R + 1) evidence of a window of the usual length from each place of each line of one picture."""
+    found = np.empty((len(total), 2 * reach + 1))
+    for line in range(len(total)):
+        for q in range(2 * reach + 1):
+            found[line, q] = window_value(
+                total, tips, line, reach, float(q - reach), q - reach + length_px, tip, beyond
+            )
+    return found
+
+
+@compiled
+def where_positive(at_zero: float, slope: float, first: float, last: float) -> tuple[float, float]:
+    """The stretch of [first, last] where ``at_zero + slope s`` is not negative; empty: last < first."""
+    if slope > 1e-12:
+        return max(first, -at_zero / slope), last
+    if slope < -1e-12:
+        return first, min(last, -at_zero / slope)
+    return first, (last if at_zero >= 0.0 else first - 1.0)
 
 
 @compiled
@@ -266,79 +298,3 @@ def within(planes: Floats, x: float, y: float, d: float) -> bool:
     low = planes[0, 0] * x + planes[0, 1] * y + planes[0, 2]
     high = planes[1, 0] * x + planes[1, 1] * y + planes[1, 2]
     return bool(low <= d <= high)
-
-
-@compiled
-def _flat_pair(
-    left: Floats, right: Floats, i: int, j: int, total_l: Floats, total_r: Floats, tips_l: Reals,
-    tips_r: Reals, reach: int, focal: float, baseline: float, cx: float, cy: float, planes: Floats,
-    length: float, length_px: float, tip: float, beyond: int, least: float, found: Floats, count: int,
-) -> int:  # fmt: skip
-    """Windows of two lines along the baseline: place and steepness on the left, disparity on the right."""
-    ax, ay, ux, uy = left[i, 0], left[i, 1], left[i, 2], left[i, 3]
-    bx, by, vx, vy = right[j, 0], right[j, 1], right[j, 2], right[j, 3]
-    if ux * vx + uy * vy < 0:
-        vx, vy, turned = -vx, -vy, -1.0
-    else:
-        turned = 1.0
-    fb = focal * baseline
-    size = 2 * reach + 1
-    slants = 17
-    best = np.full(size, NOTHING)
-    which, p = np.zeros((size, 3)), np.empty(6)
-    # in steps of 2 px along the line; refinement does the rest
-    for s in range(-reach + beyond, reach - beyond - 8, 2):
-        xa, ya = ax + s * ux, ay + s * uy
-        low_d = planes[0, 0] * xa + planes[0, 1] * ya + planes[0, 2]
-        high_d = planes[1, 0] * xa + planes[1, 1] * ya + planes[1, 2]
-        middle_d = 0.5 * (low_d + high_d)
-        for slant in range(slants):
-            rise = STEEPEST * (2.0 * slant / (slants - 1) - 1.0)
-            flat = np.sqrt(1 - rise * rise)
-            # nearer at the far end: longer in the picture; the first guess uses the middle height
-            m = length * flat * middle_d / baseline
-            first = window_value(total_l, tips_l, i, reach, float(s), s + m, tip, beyond)
-            if first < 0.15 * least or first + 1.5 * length_px < best[s + reach]:
-                continue
-            for step in range(int(high_d - low_d) + 1):
-                da = low_d + step
-                if da < 1.0:
-                    continue
-                off_a = -(xa - da - bx) * vy + (ya - by) * vx
-                if abs(off_a) > ROW_PX:
-                    continue
-                za = fb / da
-                db = fb / max(za - rise * length, 1e-3)
-                m = length * flat * 0.5 * (da + db) / baseline
-                p[0], p[1], p[2], p[3], p[4], p[5] = xa, ya, da, xa + m * ux, ya + m * uy, db
-                m *= length / axis_length(p, fb, focal, cx, cy)
-                xb, yb = xa + m * ux, ya + m * uy
-                if not within(planes, xb, yb, db):
-                    continue
-                off_b = -(xb - db - bx) * vy + (yb - by) * vx
-                if abs(off_b) > ROW_PX:
-                    continue
-                ta = ((xa - da - bx) * vx + (ya - by) * vy) * turned
-                tb = ((xb - db - bx) * vx + (yb - by) * vy) * turned
-                value = (
-                    window_value(total_l, tips_l, i, reach, float(s), s + m, tip, beyond)
-                    + window_value(total_r, tips_r, j, reach, min(ta, tb), max(ta, tb), tip, beyond)
-                    - 2 * (off_a * off_a + off_b * off_b)
-                    - TILT_LENGTHS * length_px * abs(rise)
-                )
-                if value > best[s + reach]:
-                    best[s + reach] = value
-                    which[s + reach, 0], which[s + reach, 1], which[s + reach, 2] = da, db, m
-    for _ in range(4):
-        q = int(np.argmax(best))
-        if best[q] < least or count >= MOST:
-            break
-        s = q - reach
-        da, db, m = which[q, 0], which[q, 1], which[q, 2]
-        found[count, SCORE] = best[q]
-        found[count, XA], found[count, YA], found[count, DA] = ax + s * ux, ay + s * uy, da
-        found[count, XB], found[count, YB], found[count, DB] = ax + (s + m) * ux, ay + (s + m) * uy, db
-        count += 1
-        for z in range(max(0, q - 4), min(size, q + 5)):
-            best[z] = NOTHING
-    return count

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
-from typing import Final, TypeAlias
 
 import cv2
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from cell import calibration, frames, wiring
 from cell import config as configuration
 from cell.calibration import Calibration
 from cell.colours import in_colour
-from cell.config import CellConfig, PartConfig
+from cell.commission.sight import Sight
+from cell.commission.told import document_of, table_of
+from cell.config import PartConfig
 from cell.errors import CalibrationError, UsageError
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck, refuse_flawed
@@ -26,44 +26,34 @@ from cell.stopwatch import StageTimes
 from drivers.factory import Factory
 from drivers.timing import MonotonicClock
 from drivers.types import Pixels
-from vision import transforms
 from vision.draw import draw
 from vision.locate import locate
-from vision.types import Candidate, Floats, Plane, Refused, Scene, Tuning
-
-Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
-FORMAT_VERSION: Final = 2
-"""2: ``residual_px`` of a segment that nobody explains is null; sigmas, crossings, row offset."""
+from vision.types import Scene, Tuning
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
-    """What a look needs, wherever it came from. ``left``, ``right`` (H, W[, 3]) uint8; names for people."""
-
-    left: Pixels
-    right: Pixels
-    left_name: str
-    right_name: str
-    known: Calibration
-    part: PartConfig
-    tuning: Tuning
-    table: Plane | None
-    config: CellConfig | None
-
-
-def from_files(left: Path, right: Path, calibration_path: Path, part_path: Path, tuning: Tuning) -> Sight:
-    """A look at two picture files.
+def from_files(
+    left: Path,
+    right: Path,
+    calibration_path: Path,
+    part_path: Path,
+    tuning: Tuning,
+    among_paths: tuple[Path, ...] = (),
+) -> Sight:
+    """A look at two picture files; ``among_paths`` are products that may lie there besides.
 
     Raises
     ------
     UsageError
-        A file that is no picture, sizes that differ, no way to know the depth, a part too long to be seen.
+        A file that is no picture, sizes that differ, no way to know the depth, a part too long to be seen,
+        products with one code or that nothing tells apart, several for the published method.
     ConfigError, CalibrationError
         The product or calibration file cannot be used, or belongs to another picture size.
     PictureUnusable
         Black, saturated, flat.
     """
-    part = configuration.load_part(part_path)
+    paths = (part_path, *among_paths)
+    parts = tuple(configuration.load_part(path) for path in paths)
+    _refuse_alike(parts, paths, tuning)
     known = calibration.load(calibration_path)
     pixels = [_picture(path) for path in (left, right)]
     sizes = [(p.shape[1], p.shape[0]) for p in pixels]
@@ -85,18 +75,20 @@ def from_files(left: Path, right: Path, calibration_path: Path, part_path: Path,
     depth = tuning.depth_m
     if depth is None and known.table is not None:
         depth = calibration.depth_bounds_m(known, known.table, tuning.height_m)
-    _refuse_too_long(part, known, depth)
-    _refuse_colour(part, pixels[0], str(left), tuning)
+    for part in parts:
+        _refuse_too_long(part, known, depth)
+        _refuse_colour(part, pixels[0], str(left), tuning)
     return Sight(
         left=pixels[0],
         right=pixels[1],
         left_name=str(left),
         right_name=str(right),
         known=known,
-        part=part,
+        part=parts[0],
         tuning=tuning,
         table=known.table,
         config=None,
+        among=parts[1:],
     )
 
 
@@ -127,7 +119,11 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
     tuning = config.tuning.tuning()
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
-    _refuse_colour(part, pair.left.pixels, pair.left.camera, tuning)
+    among = config.among(part)
+    if among and tuning.method == "published":
+        raise UsageError(f"part {part.code} lies among others; the published method knows one product a look")
+    for one in (part, *among):
+        _refuse_colour(one, pair.left.pixels, pair.left.camera, tuning)
     return Sight(
         left=pair.left.pixels,
         right=pair.right.pixels,
@@ -138,6 +134,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         tuning=tuning,
         table=calibration.table_of(known, config.workspace.floor_z_m),
         config=config,
+        among=among,
     )
 
 
@@ -155,29 +152,35 @@ def look(sight: Sight, out: Path, console: Console) -> int:
         sight.tuning,
         sight.table,
         observe=times,
-        colour_left=None if sight.part.colour is None else in_colour(sight.left),
+        colour_left=in_colour(sight.left) if any(part.colour is not None for part in sight.parts) else None,
+        among=tuple(part.model() for part in sight.among),
     )
     plans = _plans(sight, scene)
-    overlay = draw(sight.left, scene, sight.known.stereo, sight.part.model())
+    among = tuple(part.model() for part in sight.among)
+    overlay = draw(sight.left, scene, sight.known.stereo, sight.part.model(), among)
     try:
         out.mkdir(parents=True, exist_ok=True)
         done, encoded = cv2.imencode(".png", overlay)
         if not done:
             raise UsageError(f"{out / 'overlay.png'}: the picture could not be encoded")
         (out / "overlay.png").write_bytes(encoded.tobytes())
-        document = _document(sight, scene, plans, times)
+        document = document_of(sight, scene, plans, times)
         (out / "look.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{out}: cannot be written: {error.strerror}") from error
-    console.print(_table(scene, plans))
+    console.print(table_of(sight, scene, plans))
     if scene.row_offset_px:
         console.print(
             f"the rows of the right picture are {scene.row_offset_px:+.2f} px off the calibration "
             "(corrected for this look): calibrate the cameras again",
             soft_wrap=True,
         )
+    mine = [candidate for candidate in scene.candidates if candidate.part_code == sight.part.code]
+    offered = sum(candidate.offered for candidate in mine)
+    others = len(scene.candidates) - len(mine)
     console.print(
-        f"{len(scene.offered)} offered, {len(scene.candidates) - len(scene.offered)} refused; "
+        f"{offered} offered, {len(mine) - offered} refused"
+        f"{f', {others} of other products' if sight.among else ''}; "
         f"method {scene.method}; {out / 'overlay.png'}, {out / 'look.json'}",
         soft_wrap=True,
         markup=False,
@@ -201,6 +204,20 @@ def _grey(pixels: Pixels) -> Pixels:
     if pixels.ndim == 2:
         return pixels
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def _refuse_alike(parts: tuple[PartConfig, ...], paths: tuple[Path, ...], tuning: Tuning) -> None:
+    """Raise `UsageError` for several products that cannot be looked for together."""
+    if len(parts) > 1 and tuning.method == "published":
+        raise UsageError("the published method knows one product a look; give one --product FILE")
+    for (one, here), (other, there) in combinations(zip(parts, paths, strict=True), 2):
+        if one.code == other.code:
+            raise UsageError(f"{here} and {there} have the same code {one.code}; give each product its own")
+        if not one.apart_from(other):
+            raise UsageError(
+                f"{here} and {there}: nothing tells {one.name} from {other.name}; their lengths, diameters "
+                "or colours must differ"
+            )
 
 
 def _refuse_too_long(part: PartConfig, known: Calibration, depth: tuple[float, float] | None) -> None:
@@ -246,134 +263,7 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         sight.part.diameter_m,
         frames.transform_of(frames.tool_down(np.zeros(3), 0.0)),
         MissedParts(),
+        sight.part.code,
+        max(part.diameter_m for part in sight.parts),
     )
     return {id(plan.candidate): plan for plan in plans}
-
-
-def _why(candidate: Candidate, plan: Plan | None) -> list[tuple[str, float, float, str]]:
-    """Every reason against a candidate: name, value, limit, unit."""
-    reasons: list[Refused] = list(candidate.refusals)
-    listed = [(r.reason.name, r.value, r.limit, str(r.unit)) for r in reasons]
-    if plan is not None:
-        listed += [(r.reason.name, r.value, r.limit, str(r.unit)) for r in plan.refused]
-    return listed
-
-
-def _number(value: float, digits: int = 6) -> float | None:
-    """A number for JSON, which has no infinity and no NaN: those are null."""
-    return round(value, digits) if math.isfinite(value) else None
-
-
-def _numbers(array: Floats) -> list[Json]:
-    return [round(float(v), 6) for v in array]
-
-
-def _document(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTimes) -> dict[str, Json]:
-    base = sight.known.base_from_camera
-    candidates: list[Json] = []
-    for order, candidate in enumerate(scene.candidates, start=1):
-        plan = plans.get(id(candidate))
-        entry: dict[str, Json] = {
-            "order": order,
-            "offered": candidate.offered and (plan is None or plan.pick is not None),
-            "start_m": _numbers(candidate.start),
-            "end_m": _numbers(candidate.end),
-            "nodes_m": [_numbers(node) for node in candidate.nodes],
-            "length_m": round(candidate.length_m, 6),
-            "score": round(candidate.score, 4),
-            "residual_px": _number(candidate.residual_px, 4),
-            "sigma_m": _number(candidate.sigma_m),
-            "sigma_rad": _number(candidate.sigma_rad),
-            "refusals": [
-                {"reason": name, "value": round(value, 6), "limit": round(limit, 6), "unit": unit}
-                for name, value, limit, unit in _why(candidate, plan)
-            ],
-        }
-        if base is not None:
-            entry["start_base_m"] = _numbers(transforms.apply(base, candidate.start))
-            entry["end_base_m"] = _numbers(transforms.apply(base, candidate.end))
-        if plan is not None and plan.pick is not None:
-            entry["grasp_base"] = [round(v, 6) for v in plan.pick.grasp.six()]
-            entry["clearance_m"] = _number(plan.pick.clearance_m)  # null where nothing else is seen
-        candidates.append(entry)
-    segments: list[Json] = [
-        {
-            "start_m": _numbers(scene.segments.start[i]),
-            "end_m": _numbers(scene.segments.end[i]),
-            "residual_px": _number(float(scene.segments.residual_px[i]), 4),
-        }
-        for i in range(len(scene.segments.start))
-    ]
-    crossings: list[Json] = [
-        {
-            "above": crossing.above + 1,  # the candidates' order
-            "below": crossing.below + 1,
-            "point_m": _numbers(crossing.point),
-            "gap_m": _number(crossing.gap_m),
-            "sure": _number(crossing.sure, 4),
-        }
-        for crossing in scene.crossings
-    ]
-    views: dict[str, Json] = {
-        name: {
-            "picture": picture,
-            "band": list(view.band),
-            "nodes_px": [_numbers(p) for p in view.graph.points],
-            "degree": [int(d) for d in view.graph.degree],
-            "edges": [[int(a), int(b)] for a, b in view.graph.edges],
-        }
-        for name, picture, view in (
-            ("left", sight.left_name, scene.left),
-            ("right", sight.right_name, scene.right),
-        )
-    }
-    return {
-        "version": FORMAT_VERSION,
-        "frame": "raw left camera, metres; x right, y down, z forward",
-        "method": scene.method,
-        "part": {"code": sight.part.code, "name": sight.part.name, "length_m": sight.part.length_m},
-        "calibration": {"file": str(sight.known.path), "units": sight.known.units},
-        "views": views,
-        "segments": segments,
-        "candidates": candidates,
-        "crossings": crossings,
-        "row_offset_px": _number(scene.row_offset_px, 4),
-        "durations_s": {name: round(seconds, 5) for name, seconds in times.durations_s.items()},
-    }
-
-
-def _table(scene: Scene, plans: dict[int, Plan]) -> Table:
-    table = Table(title=None)
-    for heading, justify in (("order", "right"), ("length mm", "right"), ("centre mm (left camera)", "left")):
-        table.add_column(heading, justify="right" if justify == "right" else "left")
-    for heading in ("score", "± mm", "± °", "under"):
-        table.add_column(heading, justify="right")
-    table.add_column("offered, or why not")
-    under: dict[int, list[int]] = {}
-    for crossing in scene.crossings:
-        under.setdefault(crossing.below + 1, []).append(crossing.above + 1)
-    for order, candidate in enumerate(scene.candidates, start=1):
-        why = _why(candidate, plans.get(id(candidate)))
-        x, y, z = (1000 * float(v) for v in candidate.centre)
-        table.add_row(
-            str(order),
-            f"{1000 * candidate.length_m:.1f}",
-            f"{x:.1f}, {y:.1f}, {z:.1f}",
-            f"{candidate.score:.2f}",
-            _shown(1000 * candidate.sigma_m, 2),
-            _shown(math.degrees(candidate.sigma_rad), 2),
-            ", ".join(str(above) for above in sorted(under.get(order, ()))),
-            "; ".join(_said(*reason) for reason in why) if why else "[green]offered[/green]",
-        )
-    return table
-
-
-def _shown(value: float, digits: int) -> str:
-    """A number for people; nothing where the method does not tell it."""
-    return f"{value:.{digits}f}" if math.isfinite(value) else ""
-
-
-def _said(name: str, value: float, limit: float, unit: str) -> str:
-    """A refusal as people read it: millimetres and degrees."""
-    scale, shown = {"m": (1000.0, " mm"), "rad": (57.29578, "°"), "px": (1.0, " px")}.get(unit, (1.0, ""))
-    return f"{name} {value * scale:.3g}{shown} (limit {limit * scale:.3g}{shown})"

@@ -28,7 +28,12 @@ def test_the_makefiles_bench_command_measures_everything_and_writes_the_page(tmp
     assert max(len(row) for row in ran.stdout.splitlines()) <= 120
     written = page.read_text(encoding="utf-8")
     for section in (
-        *("Fresh scenes of our own renderer", "Robustness", "Table 1 of the paper again"),
+        *(
+            "Fresh scenes of our own renderer",
+            "Several products in one heap",
+            "Robustness",
+            "Table 1 of the paper again",
+        ),
         *("Thinning and skeleton graphs", "Speed on one core", "Stages", "First look after a start"),
     ):
         assert f"## {section}" in written

@@ -23,7 +23,7 @@ from drivers.timing import StopToken
 from drivers.types import Pixels
 from tests.fakes.station import DATA, bench, order, scene, stick
 from tests.unit.cell.test_evaluate import RIG, STICK, bars, result, write_scene
-from vision.offer import hue_saturation_value
+from vision.colour import hue_saturation_value
 from vision.types import ColourRange, Floats, Scene, Tuning
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "scenes-dev" / "scenes"
@@ -32,7 +32,7 @@ WOOD: Final = "colour: {hue_deg: [14, 62], saturation: [0.07, 0.52]}"
 
 
 def counts_as(word: str, bgr: Floats) -> bool:
-    """Whether a colour, 0..1, is inside a word's range, as `vision.offer.colour_reasons` decides it."""
+    """Whether a colour, 0..1, is inside a word's range, as `vision.colour.refusals` decides it."""
     hue, saturation, value = hue_saturation_value(bgr)
     wanted = WORDS[word]
     low, high = wanted.hue_deg

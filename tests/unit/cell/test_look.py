@@ -17,7 +17,8 @@ import pytest
 from rich.console import Console
 
 from cell import calibration, config
-from cell.commission import look
+from cell.commission import look, told
+from cell.commission.sight import Sight
 from cell.errors import CalibrationError, UsageError
 from cell.faults import PictureUnusable
 from drivers.types import Pixels
@@ -37,7 +38,7 @@ def sight(
     calibration_path: Path = CALIBRATION,
     part: Path = PART,
     tuning: Tuning | None = None,
-) -> look.Sight:
+) -> Sight:
     return look.from_files(left, right, calibration_path, part, tuning or Tuning())
 
 
@@ -156,7 +157,7 @@ def test_a_product_longer_than_the_view_is_told_with_both_lengths(
 # ------------------------------------------------------------------------------ the document
 
 
-def looked(of: look.Sight, out: Path) -> tuple[dict[str, Json], str]:
+def looked(of: Sight, out: Path) -> tuple[dict[str, Json], str]:
     text = io.StringIO()
     assert look.look(of, out, Console(file=text, width=200)) == 0
     document = json.loads((out / "look.json").read_text(), parse_constant=_no_constant)
@@ -197,7 +198,7 @@ def test_every_drawn_stick_is_in_the_document_where_it_was_drawn(tmp_path: Path)
 
 def test_the_document_names_its_frame_units_files_and_times(tmp_path: Path) -> None:
     document, _ = looked(sight(), tmp_path / "out")
-    assert document["version"] == look.FORMAT_VERSION
+    assert document["version"] == told.FORMAT_VERSION
     assert document["frame"] == "raw left camera, metres; x right, y down, z forward"
     assert document["calibration"] == {"file": str(CALIBRATION), "units": "m, as stated"}
     assert document["part"] == {"code": 1, "name": "stick-80", "length_m": 0.08}

@@ -24,7 +24,6 @@ from vision.offer import (
     WIDTH_SHARE,
     Offered,
     candidates,
-    hue_saturation_value,
     unexplained,
 )
 from vision.polish import Measured, polish
@@ -141,20 +140,20 @@ def test_another_width_is_refused_in_metres(times: float, limit: float) -> None:
 
 
 def test_a_thread_whose_flanks_are_never_seen_together_is_refused() -> None:
-    value = ONE.state.value.copy()
+    value = ONE.seen.value.copy()
     value[..., 1] = 0.0
 
-    refused = only(offer(found=replace(ONE, state=ONE.state._replace(value=value))))
+    refused = only(offer(found=replace(ONE, seen=replace(ONE.seen, value=value))))
 
     assert refused == Refused(reason=Refusal.FLANKS, value=0.0, limit=LEAST_BOTH, unit="1")
 
 
 def test_a_part_that_leaves_the_picture_is_refused() -> None:
-    ground = ONE.state.ground.copy()
-    steps = int(ONE.state.samples[ONE.chosen[0], 0])
+    ground = ONE.seen.ground.copy()
+    steps = int(ONE.seen.count[ONE.chosen[0], 0])
     ground[ONE.chosen[0], 0, : steps // 10] = 2
 
-    refused = only(offer(found=replace(ONE, state=ONE.state._replace(ground=ground))))
+    refused = only(offer(found=replace(ONE, seen=replace(ONE.seen, ground=ground))))
 
     assert refused.reason is Refusal.EDGE
     assert refused.value == pytest.approx(0.1, abs=0.02)
@@ -263,20 +262,6 @@ def test_a_grey_part_is_refused_by_its_saturation() -> None:
 
     assert (refused.reason, refused.unit, refused.limit) == (Refusal.COLOUR, "1", 0.5)
     assert refused.value < 0.15
-
-
-@pytest.mark.parametrize(
-    ("bgr", "hsv"),
-    [
-        ((0, 0, 1), (0, 1, 1)),
-        ((0, 1, 0), (120, 1, 1)),
-        ((1, 0, 0), (240, 1, 1)),
-        ((0.5, 0.25, 0.5), (300, 0.5, 0.5)),
-        ((0.3, 0.3, 0.3), (0, 0, 0.3)),
-    ],
-)
-def test_hue_saturation_and_value(bgr: tuple[float, ...], hsv: tuple[float, ...]) -> None:
-    assert hue_saturation_value(np.array(bgr, np.float64)) == pytest.approx(hsv)
 
 
 def test_parts_of_quite_another_length_are_nobodys_concern() -> None:

