@@ -115,6 +115,16 @@ class RobotState:
     read_at: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One line of a look at a device before it is used: what was found, and what to do when it is wrong."""
+
+    what: str
+    ok: bool
+    found: str
+    do: str = ""
+
+
 class Grip(Enum):
     """What the gripper holds. UNKNOWN is where everything starts."""
 
