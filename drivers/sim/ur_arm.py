@@ -28,7 +28,7 @@ from drivers.sim.ur_motion import CannotFollow, JointWay, LineWay, Motion, Way
 
 ZERO: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 RAMP_S = 0.1
-"""From full speed to a hold, and from a hold to full speed. Assumed; a real arm's depends on load and speed."""
+"""From full speed to a hold, and back. Assumed; a real arm's depends on load and speed."""
 STEADY_S = 0.1
 """Resting this long counts as steady. Assumed."""
 TOO_FAST = 1.05

@@ -3,9 +3,9 @@
     python -m drivers.sim.ur_controller --host 127.0.0.2 --model UR5e --fault-port 0
 
 serves the ports of a real one on its loopback address: dashboard 29999, primary, secondary and real-time
-30001 to 30003, RTDE 30004; and a fault port (`drivers.sim.ur_faults`). The first line on standard output says
-it is ready; SIGTERM ends it, and the last line is what it counted. With ``--world-port`` its arm is the arm of
-the simulated cell (`drivers.sim.ur_link`).
+30001 to 30003, RTDE 30004; and a fault port (`drivers.sim.ur_faults`). The first line on standard output
+says it is ready; SIGTERM ends it, and the last line is what it counted. With ``--world-port`` its arm is the
+arm of the simulated cell (`drivers.sim.ur_link`).
 
 Only the standard library. One thread: sockets never block, the core is stepped between them.
 """
@@ -33,7 +33,7 @@ from drivers.sim.ur_kinematics import MODELS, Six, six
 from drivers.sim.ur_ports import Port, Ports
 from drivers.sim.ur_program import STEP_S
 from drivers.sim.ur_session import Owners
-from drivers.sim.ur_talks import DASHBOARD, REAL_TIME, RTDE, Streams, make_ports
+from drivers.sim.ur_talks import DASHBOARD, PRIMARY, REAL_TIME, RTDE, SECONDARY, Streams, make_ports
 
 ENDING = (signal.SIGTERM, signal.SIGINT)
 LONGEST_CATCH_UP_S = 0.1
@@ -48,6 +48,7 @@ class Pacing:
     scale: float
     began_at: float
     steps: int = 0
+    stride: int = 1  # steps from one waking to the next
     skipped_s: float = 0.0
 
     def owed(self, now: float) -> int:
@@ -64,7 +65,7 @@ class Pacing:
 
     def next_at(self) -> float:
         """When the next step is due."""
-        return self.began_at + (self.steps + 1) * STEP_S / self.scale
+        return self.began_at + (self.steps + self.stride) * STEP_S / self.scale
 
 
 class Machine:
@@ -90,8 +91,9 @@ class Machine:
         """Until somebody writes to ``ending``."""
         ended: list[bool] = []
         self.ports.watch(ending, lambda: ended.append(True))
-        pacing = Pacing(self.core.setup.time_scale, time.monotonic())
-        fast = self.core.setup.time_scale > 1.0
+        scale = self.core.setup.time_scale
+        fast = scale > 1.0
+        pacing = Pacing(scale, time.monotonic(), stride=max(1, round(scale)))
         while not ended:
             self.ports.serve(pacing.next_at() - time.monotonic(), time.monotonic)
             owed = pacing.owed(time.monotonic())
@@ -130,14 +132,12 @@ def _options(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--model", choices=sorted(MODELS), default=default.model)
     parser.add_argument("--polyscope", type=_version, default=default.polyscope, metavar="5.15.0")
     parser.add_argument("--serial", default=default.serial)
-    parser.add_argument("--start-q", type=_six, default=default.start_q, metavar="Q1,...,Q6", help="radians")
-    parser.add_argument(
-        "--tcp", type=_six, default=default.tcp, metavar="X,Y,Z,RX,RY,RZ", help="of the installation"
-    )
+    parser.add_argument("--start-q", type=_six, default=default.start_q, metavar="Q1,...,Q6", help="rad")
+    parser.add_argument("--tcp", type=_six, default=default.tcp, metavar="X,Y,Z,RX,RY,RZ")
     parser.add_argument("--payload", type=arguments.not_negative, default=default.payload_kg, help="kg")
     parser.add_argument("--fault-port", type=arguments.port, default=0, help="0: any free one")
     parser.add_argument(
-        "--time-scale", type=arguments.positive, default=1.0, help="simulated seconds per second"
+        "--time-scale", type=arguments.positive, default=1.0, help="simulated seconds per real one"
     )
     parser.add_argument("--seed", type=arguments.count, default=0, help="of jitter")
     return parser.parse_args(argv)
@@ -173,7 +173,7 @@ def main(argv: Sequence[str]) -> int:
         time_scale=options.time_scale,
     )
     ending = _ending_signals()
-    for number in (DASHBOARD, REAL_TIME, RTDE, options.fault_port):
+    for number in (DASHBOARD, PRIMARY, SECONDARY, REAL_TIME, RTDE, options.fault_port):
         refused = arguments.refusal(options.host, number)
         if refused is not None:
             sys.stderr.write(f"simulated UR controller: {refused}\n")

@@ -36,7 +36,10 @@ HOLDS = frozenset({Runtime.PAUSING, Runtime.PAUSED})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What the controller is. ``polyscope`` major, minor, bugfix; ``time_scale`` simulated seconds per second."""
+    """What the controller is.
+
+    ``polyscope`` major, minor, bugfix; ``time_scale`` simulated seconds per real second.
+    """
 
     model: str = "UR5e"
     polyscope: tuple[int, int, int] = (5, 15, 0)
@@ -174,7 +177,7 @@ class Core:
         self._next, self._next_at_s = program, self.time_s + START_S
 
     def _run_secondary(self, program: LineProgram) -> None:
-        """Secondary programs take no time; switching outputs and writing registers is all they may do here."""
+        """Secondary programs take no time; here they may switch outputs and write registers."""
         refused = [each for each in program.statements if not isinstance(each, SetOutput | Write)]
         if refused:
             self.note(f"secondary program {program.name} was refused: {refused[0]}")
@@ -282,7 +285,7 @@ class Core:
         self.mode, self._mode_changes = RobotMode.POWER_OFF, []
 
     def release(self, resume: bool = False) -> bool:
-        """Let go of the button or leave the light curtain; ``resume`` plays on by itself after a safeguard."""
+        """Let go of the button or leave the light curtain; ``resume`` plays on after a safeguard."""
         match self.safety:
             case Safety.ROBOT_EMERGENCY_STOP | Safety.SYSTEM_EMERGENCY_STOP:
                 self.safety = Safety.NORMAL

@@ -13,14 +13,11 @@ from typing import Protocol, TypeAlias
 from drivers.sim.ur_codes import Safety
 from drivers.sim.ur_core import REGISTERS, Armed, Core
 from drivers.sim.ur_ports import Connection, How, Port, Ports
+from drivers.sim.ur_request import Json, Refused, Request
 from drivers.sim.ur_session import Level, Owners, text_message
 
-Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
+Act: TypeAlias = Callable[[], None]
 LONGEST_LINE = 65536
-
-
-class Refused(Exception):
-    """The request is not understood; says what would be."""
 
 
 class Standing(Protocol):
@@ -32,7 +29,7 @@ class Standing(Protocol):
 def status_values(core: Core) -> dict[str, Json]:
     """What the controller is and has counted."""
     arm, motion = core.arm, core.arm.motion
-    counts: dict[str, Json] = {name: value for name, value in sorted(core.counts.items())}
+    counts: dict[str, Json] = dict(sorted(core.counts.items()))
     events: list[Json] = list(core.events)
     return {
         "time_s": round(core.time_s, 3),
@@ -63,52 +60,20 @@ def status_values(core: Core) -> dict[str, Json]:
     }
 
 
-class _Request:
-    """One request; every getter refuses what is missing or of another kind."""
-
-    def __init__(self, values: dict[str, Json]) -> None:
-        self._values = values
-
-    def has(self, key: str) -> bool:
-        return key in self._values
-
-    def text(self, key: str, *allowed: str) -> str:
-        value = self._values.get(key)
-        if not isinstance(value, str) or (allowed and value not in allowed):
-            raise Refused(f"{key!r} is {value!r}; it must be " + (" or ".join(allowed) or "a text"))
-        return value
-
-    def number(self, key: str, low: float, high: float) -> float:
-        value = self._values.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise Refused(f"{key!r} is {value!r}; it must be a number from {low:g} to {high:g}")
-        return float(value)
-
-    def flag(self, key: str) -> bool:
-        value = self._values.get(key)
-        if not isinstance(value, bool):
-            raise Refused(f"{key!r} is {value!r}; it must be true or false")
-        return value
-
-    def items(self, key: str) -> list[Json]:
-        value = self._values.get(key)
-        if not isinstance(value, list) or not value:
-            raise Refused(f"{key!r} is {value!r}; it must be a list with something in it")
-        return value
-
-    def part(self, key: str) -> _Request:
-        value = self._values.get(key)
-        if not isinstance(value, dict):
-            raise Refused(f"{key!r} is {value!r}; it must be an object")
-        return _Request(value)
-
-
 class Faults:
     """Requests of the fault port, carried out between two steps of the controller."""
 
     def __init__(self, core: Core, ports: Ports, owners: Owners, standing: Standing) -> None:
         self._core, self._ports, self._owners, self._standing = core, ports, owners, standing
-        self._doings: dict[str, Callable[[_Request], Callable[[], None]]] = {
+        self._orders: dict[str, Act] = {
+            "kill_program": lambda: core.stop_program("killed by a fault"),
+            "protective_stop": lambda: core.protective_stop("fault port"),
+            "safeguard": core.safeguard_stop,
+            "emergency_stop": core.emergency_stop,
+            "violation": self._violation,
+            "power_off": core.power_off,
+        }
+        self._doings: dict[str, Callable[[Request], Act]] = {
             "cut": self._cut,
             "refuse": self._refuse,
             "accept": self._accept,
@@ -120,11 +85,6 @@ class Faults:
             "pieces": self._pieces,
             "message": self._message,
             "script": self._script,
-            "kill_program": lambda request: lambda: self._core.stop_program("killed by a fault"),
-            "protective_stop": lambda request: lambda: self._core.protective_stop("fault port"),
-            "safeguard": lambda request: self._core.safeguard_stop,
-            "emergency_stop": lambda request: self._core.emergency_stop,
-            "violation": lambda request: self._violation,
             "release": self._release,
             "registers": self._registers,
             "hide": self._hide,
@@ -134,32 +94,25 @@ class Faults:
             "version": self._version,
             "payload": self._payload,
             "inputs": self._inputs,
-            "power_off": lambda request: self._core.power_off,
         }
 
     @property
     def doings(self) -> tuple[str, ...]:
         """What can be asked for."""
-        return ("status", *self._doings)
+        return ("status", *sorted((*self._orders, *self._doings)))
 
-    def talk(self, connection: Connection) -> FaultTalk:
+    def talk(self, connection: Connection) -> FaultTalk:  # noqa: ARG002 - as every port's
         """What a client of the fault port meets."""
         return FaultTalk(self)
 
     def answer(self, line: bytes) -> dict[str, Json]:
         """One request to one answer; refusals are answers too."""
         try:
-            values: Json = json.loads(line)
-        except ValueError as error:
-            return {"error": f"not JSON: {error}"}
-        if not isinstance(values, dict):
-            return {"error": "not a JSON object"}
-        request = _Request(values)
-        try:
+            request = Request.of(line)
             doing = request.text("do", *self.doings)
             if doing == "status":
                 return {"ok": True, **status_values(self._core), **self._wires()}
-            act = self._doings[doing](request)
+            act = self._orders.get(doing) or self._doings[doing](request)
             if request.has("at"):
                 self._core.armed.append(self._armed(act, request.part("at")))
             else:
@@ -170,7 +123,7 @@ class Faults:
             return {"error": f"{doing}: {error.strerror}"}
         return {"ok": True}
 
-    def _armed(self, act: Callable[[], None], at: _Request) -> Armed:
+    def _armed(self, act: Act, at: Request) -> Armed:
         if at.has("moving_s"):
             return Armed(act, moving_s=at.number("moving_s", 0.0, 3600.0))
         return Armed(act, at_s=self._core.time_s + at.number("after_s", 0.0, 3600.0))
@@ -188,7 +141,7 @@ class Faults:
 
     # ------------------------------------------------------------------ wires
 
-    def _named(self, request: _Request) -> list[Port]:
+    def _named(self, request: Request) -> list[Port]:
         """The ports of a request, by number or name."""
         found = []
         for each in request.items("ports"):
@@ -201,7 +154,7 @@ class Faults:
             found.append(port[0])
         return found
 
-    def _cut(self, request: _Request) -> Callable[[], None]:
+    def _cut(self, request: Request) -> Act:
         ports = self._named(request)
         how: How = "rst" if not request.has("how") or request.text("how", "rst", "fin") == "rst" else "fin"
 
@@ -211,15 +164,25 @@ class Faults:
 
         return act
 
-    def _refuse(self, request: _Request) -> Callable[[], None]:
+    def _refuse(self, request: Request) -> Act:
         ports = self._named(request)
-        return lambda: [self._ports.refuse(port) for port in ports].clear()
 
-    def _accept(self, request: _Request) -> Callable[[], None]:
+        def act() -> None:
+            for port in ports:
+                self._ports.refuse(port)
+
+        return act
+
+    def _accept(self, request: Request) -> Act:
         ports = self._named(request)
-        return lambda: [self._ports.accept(port) for port in ports].clear()
 
-    def _freeze(self, request: _Request, frozen: bool) -> Callable[[], None]:
+        def act() -> None:
+            for port in ports:
+                self._ports.accept(port)
+
+        return act
+
+    def _freeze(self, request: Request, frozen: bool) -> Act:
         what = request.text("what", "rtde", "dashboard", "script", "all", "clock")
 
         def act() -> None:
@@ -232,7 +195,7 @@ class Faults:
 
         return act
 
-    def _half_frame(self, request: _Request) -> Callable[[], None]:
+    def _half_frame(self, request: Request) -> Act:
         then = request.text("then", "stall", "close") if request.has("then") else "stall"
 
         def act() -> None:
@@ -242,12 +205,12 @@ class Faults:
 
         return act
 
-    def _slow_wire(self, request: _Request, attribute: str) -> Callable[[], None]:
+    def _slow_wire(self, request: Request, attribute: str) -> Act:
         what = request.text("what", "rtde", "dashboard") if request.has("what") else "rtde"
         seconds = request.number("s", 0.0, 600.0)
         return lambda: setattr(self._ports.by_name[what], attribute, seconds)
 
-    def _pieces(self, request: _Request) -> Callable[[], None]:
+    def _pieces(self, request: Request) -> Act:
         size = int(request.number("bytes", 0, 65536))
 
         def act() -> None:
@@ -255,7 +218,7 @@ class Faults:
 
         return act
 
-    def _message(self, request: _Request) -> Callable[[], None]:
+    def _message(self, request: Request) -> Act:
         text = request.text("text")
         level = Level(int(request.number("level", 0, 3)) if request.has("level") else 2)
 
@@ -268,7 +231,7 @@ class Faults:
 
     # ------------------------------------------------------------------ controller
 
-    def _script(self, request: _Request) -> Callable[[], None]:
+    def _script(self, request: Request) -> Act:
         how = request.text("how", "normal", "ignore", "die")
 
         def act() -> None:
@@ -280,7 +243,7 @@ class Faults:
         self._core.stop_program("safety violation")
         self._core.safety = Safety.VIOLATION
 
-    def _release(self, request: _Request) -> Callable[[], None]:
+    def _release(self, request: Request) -> Act:
         resume = request.has("resume") and request.flag("resume")
 
         def act() -> None:
@@ -288,7 +251,7 @@ class Faults:
 
         return act
 
-    def _registers(self, request: _Request) -> Callable[[], None]:
+    def _registers(self, request: Request) -> Act:
         taken = request.text("taken", "lower", "upper", "none")
         numbers = {"lower": range(24), "upper": range(24, REGISTERS), "none": range(0)}[taken]
         names = [f"input_{kind}_register_{n}" for kind in ("int", "double") for n in numbers]
@@ -298,7 +261,7 @@ class Faults:
 
         return act
 
-    def _hide(self, request: _Request) -> Callable[[], None]:
+    def _hide(self, request: Request) -> Act:
         names = frozenset(str(each) for each in request.items("names"))
 
         def act() -> None:
@@ -306,7 +269,7 @@ class Faults:
 
         return act
 
-    def _slow(self, request: _Request) -> Callable[[], None]:
+    def _slow(self, request: Request) -> Act:
         factor = request.number("factor", 0.0, 1.0)
 
         def act() -> None:
@@ -314,11 +277,11 @@ class Faults:
 
         return act
 
-    def _slider(self, request: _Request) -> Callable[[], None]:
+    def _slider(self, request: Request) -> Act:
         fraction = request.number("fraction", 0.0, 1.0)
         return lambda: self._core.set_slider(fraction)
 
-    def _remote(self, request: _Request) -> Callable[[], None]:
+    def _remote(self, request: Request) -> Act:
         on = request.flag("on")
 
         def act() -> None:
@@ -326,7 +289,7 @@ class Faults:
 
         return act
 
-    def _version(self, request: _Request) -> Callable[[], None]:
+    def _version(self, request: Request) -> Act:
         parts = request.text("polyscope").split(".")
         if len(parts) != 3 or not all(part.isdecimal() for part in parts):
             raise Refused("'polyscope' must be a version such as 5.15.0")
@@ -337,7 +300,7 @@ class Faults:
 
         return act
 
-    def _payload(self, request: _Request) -> Callable[[], None]:
+    def _payload(self, request: Request) -> Act:
         kg = request.number("kg", 0.0, 100.0)
 
         def act() -> None:
@@ -345,7 +308,7 @@ class Faults:
 
         return act
 
-    def _inputs(self, request: _Request) -> Callable[[], None]:
+    def _inputs(self, request: Request) -> Act:
         bits = int(request.number("bits", 0, (1 << 18) - 1))
 
         def act() -> None:
@@ -356,6 +319,8 @@ class Faults:
 
 class FaultTalk:
     """Lines of JSON."""
+
+    greeting = b""
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults

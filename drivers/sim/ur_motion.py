@@ -27,16 +27,22 @@ from drivers.sim.ur_kinematics import (
     turned,
 )
 
+TURN_SPEED_RAD_S = 2.0
+"""A tool turns no faster than this along a line. Assumed."""
+
 
 class CannotFollow(Exception):
     """The arm cannot go further on this way: out of reach, at a joint limit or in a singularity."""
 
 
 class Way(Protocol):
-    """A way as long as ``length``: radians of the leading joint, or metres of the tool."""
+    """A way as long as ``length``: radians of the leading joint, or metres of the tool.
 
-    @property
-    def length(self) -> float: ...
+    ``fastest``: speed along it beyond which the tool would turn too fast.
+    """
+
+    length: float
+    fastest: float
 
     def at(self, s: float, near: Six) -> Six:
         """Joint angles ``s`` along the way; `CannotFollow` where there are none."""
@@ -50,6 +56,7 @@ class JointWay:
         self._start, self._goal = start, goal
         self._turns = tuple(b - a for a, b in zip(start, goal, strict=True))
         self.length = max(abs(turn) for turn in self._turns)
+        self.fastest = math.inf
 
     def at(self, s: float, near: Six) -> Six:  # noqa: ARG002 - joint angles need no choice
         """Joint angles after the leading joint turned by ``s``."""
@@ -70,7 +77,9 @@ class LineWay:
         self._branch = branch_of(links, start)
         self._turn = turned(self._start, rotation_vector(compose(inverse(self._start), goal)))
         travel = distance(self._start.origin, goal.origin)
-        self.length = travel if travel > 1e-6 else math.sqrt(sum(t * t for t in self._turn))
+        angle = math.sqrt(sum(t * t for t in self._turn))
+        self.length = travel if travel > 1e-6 else angle
+        self.fastest = TURN_SPEED_RAD_S * self.length / angle if angle > 1e-9 else math.inf
 
     def tool_at(self, s: float) -> Placement:
         """base_from_tool ``s`` along the way."""
@@ -139,7 +148,8 @@ class Motion:
         self.s = 0.0
         self.speed = 0.0
         self.elapsed_s = 0.0
-        self._profile = Trapezoid(max(way.length, 1e-12), speed, accel)
+        pace = min(1.0, way.fastest / speed)  # the tool may not turn too fast on the way
+        self._profile = Trapezoid(max(way.length, 1e-12), pace * speed, pace * accel)
         self._own_s = 0.0
         self._duration_s = self._profile.duration_s
         self._braking: float | None = None

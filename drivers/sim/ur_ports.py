@@ -23,7 +23,12 @@ LONGEST_BLOCKED_S = 10.0
 
 
 class Talk(Protocol):
-    """What a connection says and understands. ``received`` returns answers; None ends the connection."""
+    """What a connection says and understands.
+
+    ``greeting`` is sent first; ``received`` returns answers, None ends the connection.
+    """
+
+    greeting: bytes
 
     def received(self, data: bytes) -> Iterable[bytes] | None: ...
 
@@ -39,9 +44,9 @@ class Connection:
         self.mute = False
         self.halved: str | None = None  # "stall" or "close": the next package is cut in its middle
         self.blocked_since: float | None = None
-        self._queue: deque[tuple[float, bytes]] = deque()
+        self._queue: deque[tuple[float, bytes, bool]] = deque()  # when, what, whether not begun yet
         self.queued_bytes = 0
-        self.talk: Talk = port.talk(self)  # may put a greeting
+        self.talk: Talk = port.talk(self)
 
     def fileno(self) -> int:
         """For select."""
@@ -56,36 +61,37 @@ class Connection:
         """Queue; never earlier than what waits before it."""
         if self._queue:
             due_at = max(due_at, self._queue[-1][0])
-        self._queue.append((due_at, data))
+        self._queue.append((due_at, data, True))
         self.queued_bytes += len(data)
 
     def flush(self, now: float, piece: int | None) -> None:
-        """Send what is due, as much as the other side takes; `OSError` when it is gone."""
+        """Send what is due, as much as the other side takes; `OSError` when it is gone.
+
+        With ``piece`` each package goes in two: so many bytes, and the rest the next time.
+        """
         while self._queue and self._queue[0][0] <= now:
-            due_at, data = self._queue.popleft()
+            due_at, data, fresh = self._queue.popleft()
             try:
-                sent = self.socket.send(data if piece is None else data[:piece])
+                sent = self.socket.send(data[:piece] if fresh else data)
             except BlockingIOError:
                 sent = 0
             self.queued_bytes -= sent
             if sent < len(data):
-                self._queue.appendleft((due_at, data[sent:]))
-                if sent == 0:
-                    self.blocked_since = now if self.blocked_since is None else self.blocked_since
-                    return
-                if piece is not None:
-                    return
+                self._queue.appendleft((due_at, data[sent:], fresh and sent == 0))
+                if sent > 0:
+                    self.blocked_since = None
+                elif self.blocked_since is None:
+                    self.blocked_since = now
+                return
             self.blocked_since = None
-
-    def drop_queue(self) -> None:
-        """Forget what waits."""
-        self._queue.clear()
-        self.queued_bytes = 0
 
 
 @dataclass(slots=True, eq=False)
 class Port:
-    """One listening port. ``talk`` makes what a new connection speaks."""
+    """One listening port.
+
+    ``talk`` makes what a new connection speaks; ``patient``: clients that never read are kept.
+    """
 
     name: str
     number: int
@@ -95,6 +101,7 @@ class Port:
     delay_s: float = 0.0
     jitter_s: float = 0.0
     piece: int | None = None
+    patient: bool = False
 
 
 class Ports:
@@ -172,7 +179,6 @@ class Ports:
         change = self._unlisten if frozen else self._listen
         for connection in sockets:
             change(connection)
-            connection.drop_queue()
         if port.listener is not None:
             if frozen:
                 self._selector.unregister(port.listener)
@@ -210,13 +216,13 @@ class Ports:
         """Wait for traffic, at most so long, and deal with it."""
         for key, _ in self._selector.select(max(0.0, timeout_s)):
             if isinstance(key.data, Port):
-                self._welcome(key.data)
+                self._welcome(key.data, now())
             elif isinstance(key.data, Connection):
                 self._read(key.data, now())
             else:
                 key.data()
 
-    def _welcome(self, port: Port) -> None:
+    def _welcome(self, port: Port, now: float) -> None:
         if port.listener is None:
             return
         try:
@@ -229,6 +235,8 @@ class Ports:
         connection = Connection(sock, port, self._numbers)
         self.connections.append(connection)
         self._listen(connection)
+        if connection.talk.greeting:
+            self.send(connection, connection.talk.greeting, now)
 
     def _read(self, connection: Connection, now: float) -> None:
         if connection not in self.connections:
@@ -263,7 +271,7 @@ class Ports:
     def flush(self, now: float) -> None:
         """Send what became due or was held up."""
         for connection in tuple(self.connections):
-            if not connection.empty or connection.ends_when_sent:
+            if not (connection.port.frozen or (connection.empty and not connection.ends_when_sent)):
                 self._flush(connection, now)
 
     def _flush(self, connection: Connection, now: float) -> None:
@@ -272,7 +280,8 @@ class Ports:
         except OSError:
             self.end(connection, "fin")
             return
-        blocked = connection.blocked_since is not None and now - connection.blocked_since > LONGEST_BLOCKED_S
+        since = connection.blocked_since
+        blocked = since is not None and now - since > LONGEST_BLOCKED_S and not connection.port.patient
         if blocked or connection.queued_bytes > LONGEST_QUEUE:
             self.dropped += 1
             self.end(connection, "rst")

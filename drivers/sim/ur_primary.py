@@ -1,5 +1,5 @@
-"""Packages of the primary, secondary and real-time interfaces (ports 30001 to 30003), as far as clients of the
-script ports need them: who the controller is, its state, and the real-time package.
+"""Packages of the primary, secondary and real-time interfaces (ports 30001 to 30003), as far as clients of
+the script ports need them: who the controller is, its state, and the real-time package.
 
 Layouts as in UR's client interface description; fields nobody here can know are zero.
 """

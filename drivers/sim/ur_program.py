@@ -283,7 +283,9 @@ class ControlProgram:
                 mass, x, y, z = self._d(0, 4)
                 if not 0.0 <= mass <= 2.0 * cell.arm.links.payload_kg:
                     raise ScriptDied(f"set_payload: {mass:g} kg is more than the arm can carry")
-                cell.payload_kg, cell.payload_cog = mass, (x, y, z)
+                cell.payload_kg = mass
+                if x or y or z:  # the script keeps the old centre of gravity for zeros
+                    cell.payload_cog = (x, y, z)
             case 29:
                 cell.arm.set_tcp(self._six(0))
             case 31:

@@ -1,4 +1,4 @@
-"""URScript as it arrives on ports 30001 to 30003: cutting texts out of the stream, and reading what is needed.
+"""URScript as it arrives on ports 30001 to 30003: texts cut out of the stream, and what is needed of them.
 
 Not an interpreter. Two kinds of programs are understood: the control script ur-rtde uploads, whose text says
 where its registers begin and perhaps a path; and small programs of one statement a line, read statement by
@@ -7,6 +7,7 @@ statement. Anything else is an `Unknown` program, and says which line.
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -20,7 +21,7 @@ _CALL = re.compile(r"^(?P<name>[a-z_0-9]+)\((?P<arguments>.*)\)$", re.IGNORECASE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """``movej``, ``movel`` or ``movep``. ``target`` joint angles, or a pose if ``pose``; blends are not gone."""
+    """``movej``, ``movel`` or ``movep``; ``target`` is joint angles, or a pose. Blends are not gone."""
 
     straight: bool
     pose: bool
@@ -139,7 +140,7 @@ def read(text: str) -> Program:
 
 def _digits_after(lines: list[str], mark: str) -> int:
     """The number the line after this comment begins with; 0 where there is none."""
-    for here, following in zip(lines, lines[1:], strict=False):
+    for here, following in itertools.pairwise(lines):
         if mark in here:
             found = re.match(r"\s*(\d+)", following)
             return int(found.group(1)) if found is not None else 0
@@ -198,9 +199,8 @@ def _numbers(arguments: str) -> list[float] | None:
         if each in ("True", "False"):
             values.append(float(each == "True"))
             continue
-        terms = (
-            [term.strip() for term in each.split("+")] if re.fullmatch(r"\d+\s*\+\s*\d+", each) else [each]
-        )
+        is_sum = re.fullmatch(r"\d+\s*\+\s*\d+", each) is not None
+        terms = [term.strip() for term in each.split("+")] if is_sum else [each]
         if not all(re.fullmatch(_NUMBER, term) for term in terms):
             return None
         values.append(sum(map(float, terms)))

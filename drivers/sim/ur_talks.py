@@ -13,6 +13,8 @@ from drivers.sim.ur_script import Uploads
 from drivers.sim.ur_session import NotRtde, Owners, Session
 
 DASHBOARD, PRIMARY, SECONDARY, REAL_TIME, RTDE = 29999, 30001, 30002, 30003, 30004
+POLYSCOPE_X = 10
+"""From this version on there is no dashboard."""
 STATE_EVERY = round(0.1 / STEP_S)
 """Primary and secondary clients hear of the robot ten times a second."""
 LONGEST_LINE = 4096
@@ -21,10 +23,11 @@ LONGEST_LINE = 4096
 class DashboardTalk:
     """Lines in, lines out; the banner first."""
 
+    greeting = (BANNER + "\n").encode()
+
     def __init__(self, dashboard: Dashboard, connection: Connection) -> None:
         self._dashboard, self._connection = dashboard, connection
         self._rest = b""
-        connection.put((BANNER + "\n").encode(), 0.0)
 
     def received(self, data: bytes) -> Iterable[bytes] | None:
         """Answers to the whole lines."""
@@ -50,7 +53,8 @@ class DashboardTalk:
 class ScriptTalk:
     """Programs in; what goes out is the stream's business."""
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: Core, greeting: bytes) -> None:
+        self.greeting = greeting
         self._core = core
         self._uploads = Uploads()
 
@@ -66,6 +70,8 @@ class ScriptTalk:
 
 class RtdeTalk:
     """One RTDE connection."""
+
+    greeting = b""
 
     def __init__(self, session: Session, core: Core) -> None:
         self.session = session
@@ -88,20 +94,19 @@ def make_ports(core: Core, owners: Owners, dashboard: Dashboard) -> tuple[Port, 
     """The ports of a controller, not listening yet."""
 
     def script(connection: Connection) -> ScriptTalk:
-        if connection.port.number != REAL_TIME:
-            connection.put(version_message(core), 0.0)
-        return ScriptTalk(core)
+        return ScriptTalk(core, b"" if connection.port.number == REAL_TIME else version_message(core))
 
     def rtde(connection: Connection) -> RtdeTalk:
         return RtdeTalk(Session(core, owners, connection.number), core)
 
-    return (
+    ports = (
         Port("dashboard", DASHBOARD, lambda connection: DashboardTalk(dashboard, connection)),
-        Port("primary", PRIMARY, script),
-        Port("secondary", SECONDARY, script),
-        Port("script", REAL_TIME, script),
+        Port("primary", PRIMARY, script, patient=True),
+        Port("secondary", SECONDARY, script, patient=True),
+        Port("script", REAL_TIME, script, patient=True),
         Port("rtde", RTDE, rtde),
     )
+    return ports if core.version[0] < POLYSCOPE_X else ports[1:]
 
 
 class Streams:

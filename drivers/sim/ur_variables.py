@@ -58,7 +58,7 @@ class Input:
 
 
 def _constant(value: Value) -> Read:
-    return lambda core: value
+    return lambda core: value  # noqa: ARG005 - every reader takes the core
 
 
 def _joint_modes(core: Core) -> Value:
