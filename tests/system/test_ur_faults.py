@@ -192,11 +192,17 @@ class _Arm(threading.Thread):
         self.stood_at: float | None = None
 
     def run(self) -> None:
+        before_m = -1.0
         while time.monotonic() - self.began_at < 5.0:
-            if not self.controller.moving:
+            status = self.controller.status()
+            # where its clock stands, speeds keep their last value and the arm stands all the same
+            if status["moving"] is not True or status["distance_m"] == before_m:
                 self.stood_at = time.monotonic()
                 return
-            time.sleep(0.004)
+            moved_m = status["distance_m"]
+            assert isinstance(moved_m, int | float)
+            before_m = moved_m
+            time.sleep(0.01)
 
     @property
     def stood_s(self) -> float:
