@@ -43,15 +43,18 @@ $(VENV)/.bench: $(VENV)/.run requirements/bench.lock
 bench: $(VENV)/.bench  ## accuracy, peers, robustness, speed into docs/benchmarks.md, about five minutes (SCENES=FOLDER BENCH="--effort long")
 	$(BIN)/python -m bench.report --out docs/benchmarks.md $(if $(SCENES),--scenes "$(SCENES)") $(BENCH)
 
+# built from source, these need a compiler and files from the network
+WHEELS := --only-binary ur-rtde --only-binary ur-analytic-ik --emit-build-options
+
 # needs `uv` on the path; everybody else installs from the locks as they are
 lock:  ## make requirements/*.lock anew from pyproject.toml
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in -o requirements/run.lock
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in -o requirements/run.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group dev \
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in --group dev \
 	  -c requirements/run.lock -o requirements/dev.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group bench \
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in --group bench \
 	  -c requirements/run.lock -o requirements/bench.lock
 
 clean:  ## remove what the commands above made
