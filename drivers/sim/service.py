@@ -1,8 +1,8 @@
 """The simulated cell on a loopback port: requests to `Controller` calls, and back.
 
 Three kinds of clients share the port: eyes, arm and jaws (`drivers.sim.devices`), or in their place a
-simulated controller that drives the arm; and whoever wants to watch or upset the cell (status, truth, faults).
-Every request gets one answer: ``ok`` true with values, or false with ``kind`` (rejected, timeout,
+simulated controller that drives the arm; and whoever wants to watch or upset the cell (status, truth,
+faults). Every request gets one answer: ``ok`` true with values, or false with ``kind`` (rejected, timeout,
 bad_request) and ``detail``.
 """
 
