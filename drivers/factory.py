@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from drivers.interfaces import Camera, Gripper, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, DigitalIo, Gripper, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     PlcSettings,
     ReplayCameraSettings,
+    RobotIoGripperSettings,
+    RobotiqGripperSettings,
     RobotSettings,
     SimCameraSettings,
     SimGripperSettings,
@@ -57,13 +59,21 @@ class Factory:
             case _:
                 assert_never(settings)
 
-    def gripper(self, name: str, settings: GripperSettings) -> Gripper:
-        """A gripper called ``name``."""
+    def gripper(self, name: str, settings: GripperSettings, io: DigitalIo) -> Gripper:
+        """A gripper called ``name``; ``io`` is what it is wired to, where its settings say so."""
         match settings:
             case SimGripperSettings():
                 from drivers.sim.devices import SimGripper
 
                 return SimGripper(name, settings, self.clock)
+            case RobotIoGripperSettings():
+                from drivers.gripper.robot_io import RobotIoGripper
+
+                return RobotIoGripper(name, settings, io, self.clock)
+            case RobotiqGripperSettings():
+                from drivers.gripper.robotiq import RobotiqGripper
+
+                return RobotiqGripper(name, settings, self.clock)
             case _:
                 assert_never(settings)
 
