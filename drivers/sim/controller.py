@@ -28,6 +28,10 @@ LONGEST_JUMP_S = 0.25
 """After the process was frozen, simulated time goes on from where it was."""
 EYES = ("left", "right")
 PINS = 16
+CLOSE_OUTPUT = 0
+"""Switched on, the jaws close; switched off, they open."""
+HELD_INPUT = 0
+"""On while the jaws hold a part."""
 
 
 class CameraFault:
@@ -286,14 +290,18 @@ class Controller:
             self._robot_frozen = frozen
 
     def set_output(self, pin: int, on: bool) -> None:
-        """A digital output; `Refused` for a pin there is not."""
+        """A digital output; `Refused` for a pin there is not. `CLOSE_OUTPUT` moves the jaws."""
         self._pin(pin)
-        self._outputs[pin] = on
+        with self._lock:
+            changed, self._outputs[pin] = self._outputs[pin] is not on, on
+            if changed and pin == CLOSE_OUTPUT:
+                self.begin_jaws(on)
 
     def read_input(self, pin: int) -> bool:
-        """A digital input; `Refused` for a pin there is not."""
+        """A digital input; `Refused` for a pin there is not. `HELD_INPUT` is the jaws' own sensor as well."""
         self._pin(pin)
-        return self._inputs[pin]
+        held = pin == HELD_INPUT and self.grip() is Grip.HOLDING
+        return held or self._inputs[pin]
 
     def set_input(self, pin: int, on: bool) -> None:
         """What is wired to an input, from outside."""

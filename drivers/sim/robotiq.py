@@ -23,7 +23,7 @@ import threading
 from contextlib import suppress
 from typing import Final
 
-from drivers.errors import DriverError
+from drivers.errors import DeviceTimeout, DriverError
 from drivers.sim import arguments
 from drivers.sim.devices import Link
 from drivers.sim.process import ending_signals
@@ -85,6 +85,8 @@ class Gripper:
                 world.ask("jaws", {"close": closing})
             self._told_to_close = closing
             grip = Grip(world.ask("grip").text("grip"))
+        except DeviceTimeout:  # a busy machine; asked again in a moment
+            return Touch(at=self.hand.position, settled=False)
         except (DriverError, ProtocolError, ValueError) as error:
             self.world_lost = str(error)
             self.ended.set()

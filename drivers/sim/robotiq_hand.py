@@ -12,7 +12,8 @@ from typing import Final
 
 REACH: Final = (3.0, 228.0)
 """Where the fingers really end: open and closed, as read from a 2F-85."""
-OPENS_BELOW: Final = 128
+CLOSES_FROM: Final = 200
+"""Sent this far the fingers are to grip; where parts are thin they wait for them well beyond half."""
 STROKE_M: Final = 0.085
 SPEED_M_S: Final = (0.020, 0.150)
 """At SPE 0 and 255."""
@@ -58,7 +59,7 @@ class Hand:
     @property
     def closing(self) -> bool:
         """Whether the fingers were last sent to close."""
-        return self._going == 1 and self._echo >= OPENS_BELOW
+        return self._going == 1 and self._echo >= CLOSES_FROM
 
     @property
     def active(self) -> bool:
