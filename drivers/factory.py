@@ -17,8 +17,10 @@ from drivers.settings import (
     SimCameraSettings,
     SimGripperSettings,
     SimRobotSettings,
+    UrRobotSettings,
 )
 from drivers.timing import Clock
+from drivers.types import Check
 
 
 class Factory:
@@ -56,6 +58,22 @@ class Factory:
                 from drivers.sim.devices import SimRobot
 
                 return SimRobot(name, settings, self.clock)
+            case UrRobotSettings():
+                from drivers.robot.ur import UrRobot
+
+                return UrRobot(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def robot_checks(self, settings: RobotSettings) -> tuple[Check, ...]:
+        """What a look at the arm's controller shows; moves nothing and changes nothing."""
+        match settings:
+            case SimRobotSettings():
+                return ()
+            case UrRobotSettings():
+                from drivers.robot.ur_preflight import checks
+
+                return checks(settings, self.clock)
             case _:
                 assert_never(settings)
 

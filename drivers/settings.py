@@ -3,12 +3,14 @@ configuration can be checked on any computer."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 Port = Annotated[int, Field(ge=1, le=65535)]
+Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -51,7 +53,68 @@ class SimRobotSettings(Settings):
     port: Port
 
 
-RobotSettings = SimRobotSettings
+_UR_PAYLOAD_KG: Final = {"UR3e": 3.0, "UR5e": 5.0, "UR10e": 12.5}
+_UR_REACH_M: Final = {"UR3e": 0.5, "UR5e": 0.85, "UR10e": 1.3}
+"""Base to wrist, as the maker states it."""
+
+
+class UrRobotSettings(Settings):
+    """A UR e-Series arm over RTDE. Everything is checked against the controller before the arm may move."""
+
+    driver: Literal["ur"]
+    host: str = Field(min_length=1, description="the controller's address; its ports are fixed")
+    model: Literal["UR3e", "UR5e", "UR10e"]
+    tcp_m_rad: Six = Field(description="tool centre point on the flange: metres, rotation vector in radians")
+    payload_kg: Annotated[float, Field(ge=0)] = Field(description="gripper and what it is fixed with")
+    payload_cog_m: Three = Field(description="centre of gravity of the payload, from the flange")
+    tool_from: Literal["installation", "configuration"] = Field(
+        default="installation",
+        description="installation: tool and payload set on the pendant must be the ones given here; "
+        "configuration: the driver sets them each time it connects",
+    )
+    tool_box_min_m: Three = Field(description="the tool is sent nowhere outside this box, base frame")
+    tool_box_max_m: Three
+    registers: Literal["lower", "upper"] = Field(
+        default="lower",
+        description="RTDE registers 0-23 or 24-47; upper where a fieldbus holds the lower ones "
+        "(PolyScope below 5.23)",
+    )
+    stop_line_m_s2: Annotated[float, Field(gt=0, le=20)] = Field(
+        default=4.0, description="deceleration with which a line is broken off"
+    )
+    stop_joint_rad_s2: Annotated[float, Field(gt=0, le=20)] = Field(
+        default=8.0, description="deceleration with which a motion through joint space is broken off"
+    )
+    first_speed_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.25, description="speed of the first motion after a protective or emergency stop"
+    )
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        if max(abs(v) for v in self.tcp_m_rad[:3]) > 1.0:
+            raise ValueError(f"tcp_m_rad {list(self.tcp_m_rad)}: over 1 m from the flange; give metres")
+        if max(abs(v) for v in self.tcp_m_rad[3:]) > 6.2832:
+            raise ValueError(f"tcp_m_rad {list(self.tcp_m_rad)}: rotation over 2 pi; give radians")
+        if self.payload_kg > _UR_PAYLOAD_KG[self.model]:
+            raise ValueError(
+                f"payload_kg {self.payload_kg:g}: a {self.model} carries {_UR_PAYLOAD_KG[self.model]:g} kg"
+            )
+        if max(abs(v) for v in self.payload_cog_m) > 1.0:
+            raise ValueError(f"payload_cog_m {list(self.payload_cog_m)}: over 1 m; give metres")
+        tool_m = math.dist((0.0, 0.0, 0.0), self.tcp_m_rad[:3])
+        reach_m = _UR_REACH_M[self.model] + tool_m + 0.3  # flange and wrist
+        for axis, low, high in zip("xyz", self.tool_box_min_m, self.tool_box_max_m, strict=True):
+            if low >= high:
+                raise ValueError(f"tool box is empty along {axis}: min {low:g} is not below max {high:g}")
+            if max(abs(low), abs(high)) > reach_m:
+                raise ValueError(
+                    f"tool box along {axis}: {low:g} to {high:g} m is beyond what a {self.model} with this "
+                    f"tool can reach ({reach_m:.2f} m); metres are expected"
+                )
+        return self
+
+
+RobotSettings = Annotated[SimRobotSettings | UrRobotSettings, Field(discriminator="driver")]
 
 
 class SimGripperSettings(Settings):
@@ -188,4 +251,6 @@ __all__ = [
     "SimGripperSettings",
     "SimRobotSettings",
     "Six",
+    "Three",
+    "UrRobotSettings",
 ]

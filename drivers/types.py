@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 Pixels: TypeAlias = npt.NDArray[np.uint8]
+Three: TypeAlias = tuple[float, float, float]
 Six: TypeAlias = tuple[float, float, float, float, float, float]
 
 
@@ -113,6 +114,16 @@ class RobotState:
     speed_fraction: float
     controller_time_s: float
     read_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One line of a look at a device before it is used: what was found, and what to do when it is wrong."""
+
+    what: str
+    ok: bool
+    found: str
+    do: str = ""
 
 
 class Grip(Enum):
