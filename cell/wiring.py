@@ -110,6 +110,7 @@ def build(
     station = Station(
         rig=rig,
         robot=robot,
+        kinematics=factory.kinematics(config.robot),
         gripper=gripper,
         stereo=known.stereo,
         base_from_camera=known.base_from_camera,

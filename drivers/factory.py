@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from drivers.interfaces import Camera, DigitalIo, Gripper, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GripperSettings,
@@ -62,6 +62,20 @@ class Factory:
                 from drivers.robot.ur import UrRobot
 
                 return UrRobot(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def kinematics(self, settings: RobotSettings) -> Kinematics:
+        """What is known of an arm without asking it."""
+        match settings:
+            case SimRobotSettings():
+                from drivers.sim.reach import AskTheArm
+
+                return AskTheArm()
+            case UrRobotSettings():
+                from drivers.robot.ur_reach import UrKinematics
+
+                return UrKinematics(settings)
             case _:
                 assert_never(settings)
 

@@ -7,7 +7,16 @@ import math
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 Port = Annotated[int, Field(ge=1, le=65535)]
 Three = tuple[float, float, float]
@@ -58,6 +67,32 @@ _UR_REACH_M: Final = {"UR3e": 0.5, "UR5e": 0.85, "UR10e": 1.3}
 """Base to wrist, as the maker states it."""
 
 
+class UrReachSettings(Settings):
+    """How far from its limits an arm stays where places are judged before it is asked."""
+
+    joint_limits_rad: Six | None = Field(
+        default=None,
+        description="largest angle of each joint, either way, where the safety configuration is narrower "
+        "than the maker's (one turn, the elbow half)",
+    )
+    joint_margin_rad: NonNegativeFloat = Field(default=0.05, description="from a joint's limit")
+    wrist_margin_rad: NonNegativeFloat = Field(
+        default=0.1, le=1.5, description="from a straight wrist (joint 5)"
+    )
+    elbow_margin_rad: NonNegativeFloat = Field(
+        default=0.1, le=1.5, description="from a straight elbow (joint 3)"
+    )
+    shoulder_margin_m: NonNegativeFloat = Field(
+        default=0.03, le=0.5, description="of the hand's joints from the plane over the base's axis"
+    )
+    calibration_m: NonNegativeFloat = Field(
+        default=0.003,
+        le=0.05,
+        description="how far the real arm may stand beside the nominal one: the reach counts as this much "
+        "shorter",
+    )
+
+
 class UrRobotSettings(Settings):
     """A UR e-Series arm over RTDE. Everything is checked against the controller before the arm may move."""
 
@@ -88,6 +123,7 @@ class UrRobotSettings(Settings):
     first_speed_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
         default=0.25, description="speed of the first motion after a protective or emergency stop"
     )
+    reach: UrReachSettings = UrReachSettings()
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -252,5 +288,6 @@ __all__ = [
     "SimRobotSettings",
     "Six",
     "Three",
+    "UrReachSettings",
     "UrRobotSettings",
 ]
