@@ -57,8 +57,8 @@ def anywhere(pick: Pick) -> Pick:
 
 
 def _way(pick: Pick) -> tuple[ToolPose, ...]:
-    """Over the part, to where the descent begins, down, and up again."""
-    return (pick.retreat, pick.approach, pick.grasp, pick.retreat)
+    """Over the part, to where the descent begins, and down; up again is the same line the other way."""
+    return (pick.retreat, pick.approach, pick.grasp)
 
 
 def _turned(pose: ToolPose) -> ToolPose:

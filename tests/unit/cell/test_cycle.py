@@ -411,7 +411,7 @@ def test_the_way_is_judged_from_where_the_arm_stands(see: Callable[..., Eyes]) -
     assert start.q_rad == cell.station.workspace.watch_q_rad
     pick = cell.looks[0].plans[0].pick
     assert pick is not None
-    assert way == (pick.retreat, pick.approach, pick.grasp, pick.retreat)
+    assert way == (pick.retreat, pick.approach, pick.grasp)
 
 
 # ------------------------------------------------------------------------------ other commands
