@@ -30,6 +30,7 @@ from drivers.sim.ur_core import Core, Setup
 from drivers.sim.ur_dashboard import Dashboard
 from drivers.sim.ur_faults import Faults, status_values
 from drivers.sim.ur_kinematics import MODELS, Six, six
+from drivers.sim.ur_link import LinkDown, WorldLink, start_posture
 from drivers.sim.ur_ports import Port, Ports
 from drivers.sim.ur_program import STEP_S
 from drivers.sim.ur_session import Owners
@@ -39,6 +40,7 @@ ENDING = (signal.SIGTERM, signal.SIGINT)
 LONGEST_CATCH_UP_S = 0.1
 """After a standstill of the process at most this much real time is made up for; the rest never was."""
 FAULT = "fault"
+WORLD_MODEL = "UR5e"
 
 
 @dataclass(slots=True)
@@ -71,7 +73,9 @@ class Pacing:
 class Machine:
     """Core, ports and faults of one controller, stepped by real time."""
 
-    def __init__(self, setup: Setup, host: str, fault_port: int, seed: int) -> None:
+    def __init__(
+        self, setup: Setup, host: str, fault_port: int, seed: int, world: tuple[str, int] | None
+    ) -> None:
         self.core = Core(setup)
         self.ports = Ports(host, seed)
         self.owners = Owners()
@@ -79,6 +83,7 @@ class Machine:
         self.standing = False  # the controller's own clock stands still
         made = make_ports(self.core, self.owners, Dashboard(self.core))
         self.faults = Faults(self.core, self.ports, self.owners, self)
+        self.link = None if world is None else WorldLink(self.core, self.ports, *world)
         for port in (*made, Port(FAULT, fault_port, self.faults.talk)):
             self.ports.open(port)
 
@@ -86,6 +91,12 @@ class Machine:
     def fault_port(self) -> int:
         """The number of the fault port."""
         return self.ports.by_name[FAULT].number
+
+    def close(self) -> None:
+        """Ports and link."""
+        if self.link is not None:
+            self.link.close()
+        self.ports.close()
 
     def run(self, ending: socket.socket) -> None:
         """Until somebody writes to ``ending``."""
@@ -104,6 +115,8 @@ class Machine:
                     self.streams.step(time.monotonic())
             if owed:
                 self.ports.flush(time.monotonic())
+                if self.link is not None:
+                    self.link.step(time.monotonic())
         self.core.counts["skipped_ms"] = round(1e3 * pacing.skipped_s)
 
 
@@ -139,8 +152,13 @@ def _options(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         "--time-scale", type=arguments.positive, default=1.0, help="simulated seconds per real one"
     )
+    parser.add_argument("--world-host", default="127.0.0.1", help="of the simulated cell")
+    parser.add_argument("--world-port", type=arguments.port, help="its port: the arm is the cell's")
     parser.add_argument("--seed", type=arguments.count, default=0, help="of jitter")
-    return parser.parse_args(argv)
+    options = parser.parse_args(argv)
+    if options.world_port is not None and options.model != WORLD_MODEL:
+        parser.error(f"the simulated cell draws a {WORLD_MODEL}, it cannot be driven by a {options.model}")
+    return options
 
 
 def _ending_signals() -> socket.socket:
@@ -163,11 +181,17 @@ def _say(values: object) -> None:
 def main(argv: Sequence[str]) -> int:
     """Exit codes: 0 asked to end, 2 wrong arguments or an address that is not free."""
     options = _options(argv)
+    world = None if options.world_port is None else (options.world_host, options.world_port)
+    try:
+        start_q = options.start_q if world is None else start_posture(*world)
+    except LinkDown as error:
+        sys.stderr.write(f"simulated UR controller: {error}\n")
+        return arguments.EXIT_USAGE
     setup = Setup(
         model=options.model,
         polyscope=options.polyscope,
         serial=options.serial,
-        start_q=options.start_q,
+        start_q=start_q,
         tcp=options.tcp,
         payload_kg=options.payload,
         time_scale=options.time_scale,
@@ -178,14 +202,14 @@ def main(argv: Sequence[str]) -> int:
         if refused is not None:
             sys.stderr.write(f"simulated UR controller: {refused}\n")
             return arguments.EXIT_USAGE
-    machine = Machine(setup, options.host, options.fault_port, options.seed)
+    machine = Machine(setup, options.host, options.fault_port, options.seed, world)
     _say({"ready": True, "host": options.host, "fault_port": machine.fault_port})
     gc.collect()
     gc.freeze()
     try:
         machine.run(ending)
     finally:
-        machine.ports.close()
+        machine.close()
         ending.close()
     _say({"ended": True, **status_values(machine.core)})
     return 0

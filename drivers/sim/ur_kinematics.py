@@ -223,12 +223,10 @@ def posture(links: Links, flange: Placement, branch: Branch, near: Six) -> Six |
     lean = math.asin(links.d4 / reach)
     q1 = math.atan2(wy, wx) + (lean if branch[0] > 0 else math.pi - lean)
     s1, c1 = math.sin(q1), math.cos(q1)
-    q5 = branch[1] * math.acos(max(-1.0, min(1.0, z6[0] * s1 - z6[1] * c1)))
-    s5, c5 = math.sin(q5), math.cos(q5)
-    if abs(s5) < 1e-7:
-        q6 = near[5]
-    else:
-        q6 = math.atan2(-(y6[0] * s1 - y6[1] * c1) / s5, (x6[0] * s1 - x6[1] * c1) / s5)
+    across_x, across_y = x6[0] * s1 - x6[1] * c1, y6[0] * s1 - y6[1] * c1
+    s5, c5 = branch[1] * math.hypot(across_x, across_y), z6[0] * s1 - z6[1] * c1
+    q5 = math.atan2(s5, c5)  # not acos, which is blind near the singularity
+    q6 = near[5] if abs(s5) < 1e-7 else math.atan2(-across_y / s5, across_x / s5)
     s6, c6 = math.sin(q6), math.cos(q6)
     x5 = (c6 * x6[0] - s6 * y6[0], c6 * x6[1] - s6 * y6[1], c6 * x6[2] - s6 * y6[2])
     z4 = (-s6 * x6[0] - c6 * y6[0], -s6 * x6[1] - c6 * y6[1], -s6 * x6[2] - c6 * y6[2])

@@ -133,41 +133,37 @@ def lines(cell: Cell, program: LineProgram) -> Cycles:
 
 
 class _Async:
-    """The status word of asynchronous operations, and the one that runs."""
+    """The status word of asynchronous operations, and the one that runs.
+
+    Bits 0-14 progress, 15 running, 16-22 how often it was written, 24-30 operation; each written progress
+    of 0 counts the operation up, also when a path signals it, as in the script.
+    """
 
     def __init__(self, cell: Cell, register: int) -> None:
         self._cell, self._register = cell, register
-        self._operation = self._writes = self._progress = 0
-        self._running = False
+        self._operation = self._writes = 0
         self._cycles: Cycles | None = None
 
-    def _write(self) -> None:
+    def write(self, progress: int | None) -> None:
+        """Tell how far it is; None that nothing runs."""
         self._writes = (self._writes + 1) & 0x7F
-        word = self._progress & 0x7FFF | int(self._running) << 15 | self._writes << 16 | self._operation << 24
-        self._cell.output_ints[self._register] = word
+        word = 0
+        if progress is not None:
+            self._operation = (self._operation + (progress == 0)) & 0x7F
+            word = min(progress, 0x7FFF) | 1 << 15
+        self._cell.output_ints[self._register] = word | self._writes << 16 | self._operation << 24
 
     def begin(self, cycles: Cycles) -> None:
         """Start an operation; one that runs ends first."""
         self.end()
-        self._operation = (self._operation + 1) & 0x7F
-        self._progress, self._running, self._cycles = 0, True, cycles
-        self._write()
-
-    def progress(self, value: int) -> None:
-        """What a path signals on its way."""
-        self._progress = value
-        self._write()
-
-    def reset(self) -> None:
-        """As the script does when it starts: nothing runs."""
-        self._running, self._cycles = False, None
-        self._write()
+        self._cycles = cycles
+        self.write(0)
 
     def end(self) -> None:
         """Over, finished or not."""
-        if self._running:
-            self._running, self._cycles = False, None
-            self._write()
+        if self._cycles is not None:
+            self._cycles = None
+            self.write(None)
 
     def step(self) -> None:
         """One cycle of the operation that runs."""
@@ -189,7 +185,7 @@ class ControlProgram:
     def cycles(self) -> Cycles:
         """Until it is told to stop, or dies."""
         cell, executing = self._cell, False
-        self._operation.reset()
+        self._operation.write(None)
         cell.output_ints[self._int] = READY
         while True:
             yield
@@ -269,7 +265,7 @@ class ControlProgram:
     def _path(self) -> Cycles:
         for each in self._script.path:
             if isinstance(each, Progress):
-                self._operation.progress(each.value)
+                self._operation.write(each.value)
             else:
                 yield from carry_out(self._cell, each)
 
