@@ -14,6 +14,7 @@ from cell.finding import Finding, confirmed
 from cell.logs import logger
 from cell.pictures import require_colour
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
+from cell.reaching import reach_of
 from cell.results import nothing_to_pick, plain, report
 from cell.station import Look, Stage, Station
 from cell.stopwatch import StageTimes
@@ -217,6 +218,7 @@ def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
         sight.part.diameter_m,
         sight.tool,
         station.missed,
+        reach_of(station.kinematics, station.robot.state().joints),
     )
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from drivers.interfaces import Camera, Gripper, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     PlcSettings,
     ReplayCameraSettings,
+    RobotIoGripperSettings,
+    RobotiqGripperSettings,
     RobotSettings,
     SimCameraSettings,
     SimGripperSettings,
@@ -63,6 +65,20 @@ class Factory:
             case _:
                 assert_never(settings)
 
+    def kinematics(self, settings: RobotSettings) -> Kinematics:
+        """What is known of an arm without asking it."""
+        match settings:
+            case SimRobotSettings():
+                from drivers.sim.reach import AskTheArm
+
+                return AskTheArm()
+            case UrRobotSettings():
+                from drivers.robot.ur_reach import UrKinematics
+
+                return UrKinematics(settings)
+            case _:
+                assert_never(settings)
+
     def robot_checks(self, settings: RobotSettings) -> tuple[Check, ...]:
         """What a look at the arm's controller shows; moves nothing and changes nothing."""
         match settings:
@@ -75,13 +91,21 @@ class Factory:
             case _:
                 assert_never(settings)
 
-    def gripper(self, name: str, settings: GripperSettings) -> Gripper:
-        """A gripper called ``name``."""
+    def gripper(self, name: str, settings: GripperSettings, io: DigitalIo) -> Gripper:
+        """A gripper called ``name``; ``io`` is what it is wired to, where its settings say so."""
         match settings:
             case SimGripperSettings():
                 from drivers.sim.devices import SimGripper
 
                 return SimGripper(name, settings, self.clock)
+            case RobotIoGripperSettings():
+                from drivers.gripper.robot_io import RobotIoGripper
+
+                return RobotIoGripper(name, settings, io, self.clock)
+            case RobotiqGripperSettings():
+                from drivers.gripper.robotiq import RobotiqGripper
+
+                return RobotiqGripper(name, settings, self.clock)
             case _:
                 assert_never(settings)
 

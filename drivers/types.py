@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -124,6 +124,30 @@ class Check:
     ok: bool
     found: str
     do: str = ""
+
+
+class ReachLimit(Enum):
+    """What keeps an arm from a place, or from the way there. Values are what a person reads."""
+
+    TOO_FAR = "farther than the arm reaches"
+    TOO_NEAR = "nearer to its base than the arm can fold"
+    JOINT = "a joint at its limit"
+    WRIST = "wrist nearly straight or folded"
+    ELBOW = "elbow nearly straight or folded"
+    SHOULDER = "hand nearly above the base"
+    SWING = "the arm would have to change its posture on the way"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotReachable:
+    """Why an arm is not to go a way: ``value`` against ``bound``, on its ``leg``-th line (from 0)."""
+
+    limit: ReachLimit
+    value: float
+    bound: float
+    unit: Literal["m", "rad"]
+    leg: int
+    joint: int | None = None
 
 
 class Grip(Enum):

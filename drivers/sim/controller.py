@@ -29,7 +29,7 @@ LONGEST_JUMP_S = 0.25
 EYES = ("left", "right")
 PINS = 16
 JAWS_OUTPUT, HELD_INPUT = 0, 0
-"""Pins of a driving arm: the output that closes the jaws, the input that says a part is held."""
+"""Pins of the arm: the output that closes the jaws (off: opens them), the input that says a part is held."""
 
 
 class CameraFault:
@@ -335,14 +335,18 @@ class Controller:
             self._robot_frozen = frozen
 
     def set_output(self, pin: int, on: bool) -> None:
-        """A digital output; `Refused` for a pin there is not."""
+        """A digital output; `Refused` for a pin there is not. `JAWS_OUTPUT` moves the jaws."""
         self._pin(pin)
-        self._outputs[pin] = on
+        with self._lock:
+            changed, self._outputs[pin] = self._outputs[pin] is not on, on
+            if changed and pin == JAWS_OUTPUT:
+                self.begin_jaws(on)
 
     def read_input(self, pin: int) -> bool:
-        """A digital input; `Refused` for a pin there is not."""
+        """A digital input; `Refused` for a pin there is not. `HELD_INPUT` is the jaws' own sensor as well."""
         self._pin(pin)
-        return self._inputs[pin]
+        held = pin == HELD_INPUT and self.grip() is Grip.HOLDING
+        return held or self._inputs[pin]
 
     def set_input(self, pin: int, on: bool) -> None:
         """What is wired to an input, from outside."""

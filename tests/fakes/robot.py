@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.errors import DeviceTimeout, DeviceUnavailable, SafetyStop
@@ -11,6 +11,7 @@ from drivers.types import (
     JointAngles,
     JointMotion,
     LineMotion,
+    NotReachable,
     RobotState,
     SafetyMode,
     ToolPose,
@@ -23,6 +24,18 @@ class Call:
 
     what: str
     target: ToolPose | JointAngles | None = None
+
+
+class FakeKinematics:
+    """Knows nothing against any way, but what the test wrote down for ways over a pose of ``against``."""
+
+    def __init__(self) -> None:
+        self.against: dict[ToolPose, NotReachable] = {}
+        self.asked: list[tuple[JointAngles, tuple[ToolPose, ...]]] = []
+
+    def refused(self, start: JointAngles, way: Sequence[ToolPose]) -> NotReachable | None:
+        self.asked.append((start, tuple(way)))
+        return next((self.against[pose] for pose in way if pose in self.against), None)
 
 
 class FakeRobot:

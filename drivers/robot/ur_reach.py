@@ -1,0 +1,172 @@
+"""Whether a UR arm can go a way of straight lines, worked out without asking it.
+
+The tool goes from pose to pose as the controller's straight motion does: its point along a line, its turn
+evenly about one axis. On all of it the arm must stay in the posture in which it starts, away from its joint
+limits, and away from the three singularities, near which a slow straight line asks for joints that race.
+
+The nominal arm is reckoned with. A real one stands up to ``reach.calibration_m`` beside it, and the reach is
+taken to be that much shorter: the elbow's margin grows where it has to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from drivers.robot.ur_limits import JOINT_LIMIT_RAD, matrix_of
+from drivers.robot.ur_postures import MODELS, Floats, distances, joint_frames, postures
+from drivers.settings import UrRobotSettings
+from drivers.types import JointAngles, NotReachable, ReachLimit, ToolPose
+
+STEP_M: Final = 0.02
+STEP_RAD: Final = 0.1
+SWING_RAD: Final = 0.8
+"""No joint turns further than this from one step of a line to the next, unless the posture changes."""
+
+
+class UrKinematics:
+    """Satisfies `drivers.interfaces.Kinematics` for one configured arm."""
+
+    def __init__(self, settings: UrRobotSettings) -> None:
+        reach = settings.reach
+        self._links = MODELS[settings.model]
+        self._flange_from_tool = matrix_of(settings.tcp_m_rad)
+        self._tool_from_flange = np.linalg.inv(self._flange_from_tool)
+        limits = reach.joint_limits_rad or JOINT_LIMIT_RAD
+        self._joint_rad = np.array(limits) - reach.joint_margin_rad
+        self._wrist_rad = reach.wrist_margin_rad
+        self._shoulder_m = reach.shoulder_margin_m
+        a, b = abs(self._links.a2), abs(self._links.a3)
+        sure_m = a + b - reach.calibration_m
+        short_rad = math.acos((sure_m * sure_m - a * a - b * b) / (2.0 * a * b))
+        self._elbow_rad = max(reach.elbow_margin_rad, short_rad)
+        self._longest_m = math.sqrt(a * a + b * b + 2.0 * a * b * math.cos(self._elbow_rad))
+
+    def refused(self, start: JointAngles, way: Sequence[ToolPose]) -> NotReachable | None:
+        """What stands against going from ``start`` along straight lines through ``way``; None: nothing."""
+        q = np.array(start.q_rad, dtype=np.float64)
+        here = joint_frames(self._links, q)[6] @ self._flange_from_tool
+        poses = [matrix_of(pose.six()) for pose in way]
+        against = self._against(q[None], 0) or self._out_of_reach(poses)
+        if against is not None:
+            return against
+        for leg, there in enumerate(poses):
+            line = _line(here, there) @ self._tool_from_flange
+            followed, against = self._follow(q, line, leg)
+            # what comes first on the way is what is told
+            against = (self._against(followed, leg) if len(followed) else None) or against
+            if against is not None:
+                return against
+            q, here = followed[-1], there
+        return None
+
+    def _out_of_reach(self, poses: list[Floats]) -> NotReachable | None:
+        """The first pose that no posture reaches; the rest is a matter of the way."""
+        if not poses:
+            return None
+        found = postures(self._links, np.array(poses) @ self._tool_from_flange)
+        for leg, (beside, needed) in enumerate(zip(found.beside_m, found.needed_m, strict=True)):
+            lengths = needed[~np.isnan(needed)]
+            if not len(lengths) or lengths.min() > self._longest_m or np.isnan(found.q_rad[leg]).all():
+                return self._too_far(float(beside), needed, leg)
+        return None
+
+    def _follow(self, q: Floats, line: Floats, leg: int) -> tuple[Floats, NotReachable | None]:
+        """(K, 6) postures along (N, 4, 4) flange poses, each next to the one before; why not all N."""
+        found = postures(self._links, line)
+        followed: list[Floats] = []
+        for number in range(len(line)):
+            choices = found.q_rad[number]
+            choices = choices + 2.0 * math.pi * np.round((q - choices) / (2.0 * math.pi))
+            swings = np.abs(choices - q).max(axis=1)
+            swings = np.where(np.isnan(swings), np.inf, swings)
+            best = int(np.argmin(swings))
+            if not math.isfinite(swings[best]):
+                beside, needed = float(found.beside_m[number]), found.needed_m[number]
+                return np.array(followed).reshape(-1, 6), self._too_far(beside, needed, leg)
+            if swings[best] > SWING_RAD:
+                swing = _not(ReachLimit.SWING, float(swings[best]), SWING_RAD, "rad", leg)
+                return np.array(followed).reshape(-1, 6), swing
+            q = choices[best]
+            followed.append(q)
+        return np.array(followed).reshape(-1, 6), None
+
+    def _too_far(self, beside_m: float, needed_m: Floats, leg: int) -> NotReachable:
+        if beside_m < self._links.d4:
+            return _not(ReachLimit.TOO_NEAR, beside_m, self._links.d4, "m", leg)
+        nearest = float(np.nanmin(needed_m))
+        if nearest > self._longest_m:
+            return _not(ReachLimit.TOO_FAR, nearest, self._longest_m, "m", leg)
+        folded = abs(abs(self._links.a2) - abs(self._links.a3))
+        return _not(ReachLimit.TOO_NEAR, float(np.nanmax(needed_m)), folded, "m", leg)
+
+    def _against(self, q_rad: Floats, leg: int) -> NotReachable | None:
+        """The first of (N, 6) postures that is too near to a limit, and which limit."""
+        turned = np.abs(q_rad) - self._joint_rad
+        near = distances(self._links, q_rad)
+        bad = (
+            (turned > 0.0).any(axis=1)
+            | (near.wrist_rad < self._wrist_rad)
+            | (near.elbow_rad < self._elbow_rad)
+            | (near.shoulder_m < self._shoulder_m)
+        )
+        if not bad.any():
+            return None
+        i = int(np.argmax(bad))
+        if (turned[i] > 0.0).any():
+            joint = int(np.argmax(turned[i]))
+            angle, most = float(abs(q_rad[i, joint])), float(self._joint_rad[joint])
+            return _not(ReachLimit.JOINT, angle, most, "rad", leg, joint)
+        if near.wrist_rad[i] < self._wrist_rad:
+            return _not(ReachLimit.WRIST, float(near.wrist_rad[i]), self._wrist_rad, "rad", leg)
+        if near.elbow_rad[i] < self._elbow_rad:
+            return _not(ReachLimit.ELBOW, float(near.elbow_rad[i]), self._elbow_rad, "rad", leg)
+        return _not(ReachLimit.SHOULDER, float(near.shoulder_m[i]), self._shoulder_m, "m", leg)
+
+
+def _not(
+    limit: ReachLimit, value: float, bound: float, unit: str, leg: int, joint: int | None = None
+) -> NotReachable:
+    return NotReachable(
+        limit=limit, value=value, bound=bound, unit="m" if unit == "m" else "rad", leg=leg, joint=joint
+    )
+
+
+def _line(start: Floats, end: Floats) -> Floats:
+    """(N, 4, 4) poses after ``start`` up to ``end``: straight, and turning evenly about one axis."""
+    between = start[:3, :3].T @ end[:3, :3]
+    axis, angle = _turn(between)
+    way = end[:3, 3] - start[:3, 3]
+    count = max(1, math.ceil(max(float(np.linalg.norm(way)) / STEP_M, angle / STEP_RAD)))
+    share = np.arange(1, count + 1) / count
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = np.sin(angle * share)[:, None, None], np.cos(angle * share)[:, None, None]
+    poses = np.zeros((count, 4, 4))
+    poses[:, :3, :3] = start[:3, :3] @ (np.eye(3) + sine * cross + (1.0 - cosine) * cross @ cross)
+    poses[:, :3, 3] = start[:3, 3] + share[:, None] * way
+    poses[:, 3, 3] = 1.0
+    return poses
+
+
+def _turn(rotation: Floats) -> tuple[Floats, float]:
+    """Axis (3,) and angle 0..pi of a rotation matrix."""
+    skew = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    sine, cosine = float(np.linalg.norm(skew)) / 2.0, (float(np.trace(rotation)) - 1.0) / 2.0
+    if sine > 1e-6:
+        return skew / (2.0 * sine), math.atan2(sine, cosine)
+    if cosine > 0.0:
+        return np.array([0.0, 0.0, 1.0]), 0.0
+    # half a turn: the axis is the column of R + 1 with the largest length
+    columns = rotation + np.eye(3)
+    best = int(np.argmax(np.linalg.norm(columns, axis=0)))
+    return columns[:, best] / float(np.linalg.norm(columns[:, best])), math.pi
