@@ -22,7 +22,7 @@ from drivers.errors import DriverError, SafetyStop
 from drivers.robot.ur import UrRobot
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, SafetyMode
-from tests.fakes.ur_controller import START_Q, UrController, ur_controller
+from tests.fakes.ur_controller import START_Q, Json, UrController, ur_controller
 
 CLOCK = MonotonicClock()
 HOME = JointAngles(q_rad=START_Q)
@@ -35,7 +35,7 @@ STANDS_S = 0.6
 """From the fault until the arm stands, at most: 0.25 s to notice silence, the watchdog, the deceleration."""
 TOLD_S = 1.5
 QUIET_S = 0.4
-ALL = [29999, 30001, 30002, 30003, 30004]
+ALL: list[Json] = [29999, 30001, 30002, 30003, 30004]
 IDLE, APPROACH, CARRYING = "idle", "approach", "carrying"
 
 
