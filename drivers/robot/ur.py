@@ -41,6 +41,8 @@ STOP_PANEL_S: Final = 0.3
 REST_S: Final = 0.4
 """Beyond the deceleration itself, until the next step of the stop ladder."""
 PROGRAM_S: Final = 2.0
+CAUSE_S: Final = 0.05
+"""Until the controller's state shows why a motion ended; the worker hears of it some frames earlier."""
 
 log = structlog.get_logger()
 
@@ -65,6 +67,11 @@ class UrRobot:
     def name(self) -> str:
         """How logs and faults call it."""
         return self._name
+
+    @property
+    def worker_pid(self) -> int | None:
+        """The process that holds the library; None when there is none."""
+        return None if self._worker is None else self._worker.pid
 
     # ------------------------------------------------------------------ open and close
 
@@ -248,19 +255,25 @@ class UrRobot:
         try:
             reply = worker.ask(do, values, within_s=ASK_S)
             if not reply.ok:
-                self._explain(reply.detail)
+                raise CommandRejected(self._name, f"motion refused: {reply.detail}")
             watch = Watch(self._name, before, missed, self._clock.now())
             while watch.look(self._fresh(), self._clock.now()) is not Progress.ARRIVED:
                 if self._clock.now() >= until:
                     raise DeviceTimeout(self._name, f"not there within {timeout_s:.2f} s; halted")
                 worker.look_after()
                 stop.wait(min(POLL_S, max(0.0, until - self._clock.now())))
-        except SafetyStop:
-            self._abandon("stopped by the safety system")
-            raise
-        except (StopRequested, DriverError):
+        except StopRequested:
             self._come_to_rest()
             raise
+        except DriverError as error:
+            cause = self._cause(error)
+            if isinstance(cause, SafetyStop):
+                self._abandon("stopped by the safety system")
+            else:
+                self._come_to_rest()
+            if cause is error:
+                raise
+            raise cause from error
         worker.ask(Do.RESTS, within_s=STOP_ASK_S)
         self._careful = False
 
@@ -277,18 +290,25 @@ class UrRobot:
         if snapshot.runtime != Runtime.PLAYING:
             raise CommandRejected(
                 self._name,
-                f"the control program does not run ({runtime_name(snapshot.runtime)}); reset starts it afresh",
+                f"the control program does not run ({runtime_name(snapshot.runtime)}); reset restarts it",
             )
         return snapshot, self._worker
 
-    def _explain(self, detail: str) -> None:
-        """The library refused a motion: say why, as far as the controller shows it."""
-        snapshot = self._fresh()
+    def _cause(self, error: DriverError) -> DriverError:
+        """What ended a motion: the controller's state may say more than what was seen first."""
+        # a motion that may still go on is stopped first
+        wait_s = CAUSE_S if isinstance(error, DeviceUnavailable | CommandRejected) else 0.0
+        self._see(wait_s, lambda s: not s.may_move or s.runtime != Runtime.PLAYING)
+        try:
+            snapshot = self._stream.latest()
+        except DriverError as lost:
+            return lost
         if not snapshot.may_move:
-            raise SafetyStop(self._name, snapshot.safety)
-        if snapshot.runtime != Runtime.PLAYING:
-            detail = f"the control program ended ({runtime_name(snapshot.runtime)})"
-        raise CommandRejected(self._name, f"motion refused: {detail}")
+            return SafetyStop(self._name, snapshot.safety)
+        if snapshot.runtime != Runtime.PLAYING and not isinstance(error, CommandRejected):
+            ended = f"the control program ended ({runtime_name(snapshot.runtime)})"
+            return CommandRejected(self._name, f"{ended}; seen as: {error.detail}")
+        return error
 
     # ------------------------------------------------------------------ stopping
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Protocol, cast
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers.robot.ur_postures import MODELS, joint_frames, postures
 from drivers.settings import UrRobotSettings
 from drivers.types import JointMotion, LineMotion, Six
 
@@ -27,21 +28,6 @@ LINE_TOLERANCE_RAD: Final = 0.005
 JOINT_TOLERANCE_RAD: Final = 0.002
 
 Matrix = npt.NDArray[np.float64]
-
-
-class _Model(Protocol):
-    """What is used of one arm of ``ur_analytic_ik``; it has no types of its own."""
-
-    def forward_kinematics_with_tcp(self, *q_and_tcp: float | Matrix) -> Matrix: ...
-    def inverse_kinematics_with_tcp(self, pose: Matrix, tcp: Matrix, /) -> list[Matrix]: ...
-
-
-class _Models(Protocol):
-    """The module."""
-
-    ur3e: _Model
-    ur5e: _Model
-    ur10e: _Model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,15 +51,14 @@ class Geometry:
 
     def tool_at(self, q_rad: Six) -> Six:
         """Where the tool is at these joint angles."""
-        return six_of(_model(self.model).forward_kinematics_with_tcp(*q_rad, matrix_of(self.tcp)))
+        flange = joint_frames(MODELS[self.model], np.array(q_rad))[6]
+        return six_of(np.asarray(flange @ matrix_of(self.tcp)))
 
     def some_posture(self, tool: Six) -> bool:
         """Whether some posture within the joint limits brings the tool there."""
-        found = _model(self.model).inverse_kinematics_with_tcp(matrix_of(tool), matrix_of(self.tcp))
-        return any(
-            all(abs(q) <= limit for q, limit in zip(posture, JOINT_LIMIT_RAD, strict=True))
-            for posture in found
-        )
+        flange = matrix_of(tool) @ np.linalg.inv(matrix_of(self.tcp))
+        # angles are in -pi..pi there, which is within every joint's limit
+        return not bool(np.isnan(postures(MODELS[self.model], flange[None]).q_rad).all())
 
     def outside(self, tool: Six) -> str | None:
         """Where a tool position leaves the box; None inside."""
@@ -81,13 +66,6 @@ class Geometry:
             if not low <= value <= high:
                 return f"{axis} = {value:.4f} m is outside the tool box ({low:g} to {high:g} m)"
         return None
-
-
-def _model(name: str) -> _Model:
-    import ur_analytic_ik
-
-    models = cast(_Models, ur_analytic_ik)
-    return {"UR3e": models.ur3e, "UR5e": models.ur5e, "UR10e": models.ur10e}[name]
 
 
 def matrix_of(pose: Six) -> Matrix:

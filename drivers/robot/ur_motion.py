@@ -1,8 +1,8 @@
 """Whether a motion that was started has begun, goes on, has arrived: judged from the controller's own state.
 
 The library's words are not enough: it answers True for stops it lost, "not running" for motions that still
-run, and calls a link connected that is dead. Arrived means all of: the motion asked for is the one that ended,
-the arm stands, its safety system and its program are as they were, and it is where it was sent.
+run, and calls a link connected that is dead. Arrived means all of: the motion asked for is the one that
+ended, the arm stands, its safety system and its program are as they were, and it is where it was sent.
 """
 
 from __future__ import annotations

@@ -91,6 +91,7 @@ class Worker:
         self._lease = lease
         self._line = True
         self._moves = False
+        self._runs = True
         self._kicked_at = float("-inf")
 
     def run(self) -> NoReturn:
@@ -169,12 +170,13 @@ class Worker:
         if now - self._kicked_at < KICK_S:
             return
         self._kicked_at = now
+        if not self._runs:
+            return
         try:
-            kicked = self._control.kickWatchdog()
+            # False: the program was stopped or paused. It is never kicked again, so that it cannot go on
+            self._runs = self._control.kickWatchdog()
         except RuntimeError as error:
             self._leave(Exit.LIBRARY, f"watchdog not kicked: {error}")
-        if not kicked:
-            self._leave(Exit.LIBRARY, "watchdog not kicked")
 
     def _leave(self, code: Exit, why: str) -> NoReturn:
         """Stop what moves, then end: from here on the controller's watchdog is not kicked."""

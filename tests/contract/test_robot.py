@@ -1,4 +1,5 @@
-"""What every arm promises (DESIGN section 5), over the simulated cell's socket and the double."""
+"""What every arm promises (docs/design.md, section 5): the arm of the simulated cell over its socket, the
+UR driver over RTDE with the unmodified library in its worker, and the double."""
 
 from __future__ import annotations
 
@@ -19,12 +20,14 @@ from drivers.errors import (
     StaleData,
 )
 from drivers.interfaces import Robot
+from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
 from drivers.sim.devices import SimRobot
 from drivers.timing import MonotonicClock, StopRequested, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, SafetyMode, ToolPose
 from tests.fakes.robot import FakeRobot
 from tests.fakes.simcell import ROOT, SimCell, sim_cell
+from tests.fakes.ur_controller import UrController, free_host, ur_controller
 
 CLOCK = MonotonicClock()
 HOME = JointAngles(q_rad=(2.14, -1.92, 1.91, -1.56, -1.5708, 3.71))
@@ -56,6 +59,22 @@ def cell(running: SimCell) -> Iterator[SimCell]:
     running.mend()
 
 
+@pytest.fixture(scope="module")
+def wire() -> Iterator[UrController]:
+    with ur_controller() as controller:
+        yield controller
+
+
+@pytest.fixture
+def controller(wire: UrController) -> Iterator[UrController]:
+    yield wire
+    wire.mend()
+
+
+def ur(controller: UrController) -> UrRobot:
+    return UrRobot("robot", controller.settings(), CLOCK)
+
+
 def sim(port: int) -> SimRobot:
     return SimRobot("robot", SimRobotSettings(driver="sim", port=port), CLOCK)
 
@@ -71,8 +90,15 @@ def scripted(move_s: float = 0.2, open_error: Exception | None = None) -> FakeRo
     return robot
 
 
-@pytest.fixture(params=["sim", "scripted"])
-def kind(request: pytest.FixtureRequest, cell: SimCell) -> Kind:
+@pytest.fixture(params=["sim", "ur", "scripted"])
+def kind(request: pytest.FixtureRequest, cell: SimCell, controller: UrController) -> Kind:
+    if request.param == "ur":
+        nobody = controller.settings(host=free_host())
+        return Kind(
+            good=lambda: ur(controller),
+            absent=lambda: UrRobot("robot", nobody, CLOCK),
+            stop_for_safety=lambda _: controller.do("protective_stop"),
+        )
     if request.param == "sim":
         return Kind(
             good=lambda: sim(cell.port),
@@ -265,6 +291,7 @@ def test_an_input_wired_from_outside_is_read(arm: SimRobot, cell: SimCell) -> No
 
 DYING_CLIENT = """
 import sys
+from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
 from drivers.sim.devices import SimRobot
 from drivers.timing import MonotonicClock, StopToken

@@ -56,6 +56,7 @@ class FakeRobot:
         self.state_error: Exception | None = None
         self.open_error: Exception | None = None
         self.safety = SafetyMode.NORMAL
+        self.program = True
         self.tool = ToolPose(x=0.3, y=-0.3, z=0.3, rx=3.14159, ry=0.0, rz=0.0)
         self.joints = JointAngles(q_rad=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0))
         self.inputs: dict[int, bool] = {}
@@ -98,7 +99,7 @@ class FakeRobot:
         return RobotState(
             safety=self.safety,
             powered=True,
-            program_running=self.safety is SafetyMode.NORMAL,
+            program_running=self.program and self.safety is SafetyMode.NORMAL,
             tool=self.tool,
             joints=self.joints,
             moving=self._moving,
@@ -150,6 +151,7 @@ class FakeRobot:
         self._need_open()
         self.calls.append(Call(what="recover"))
         self.safety = SafetyMode.NORMAL
+        self.program = True
 
     def set_output(self, pin: int, on: bool) -> None:
         self._need_open()
