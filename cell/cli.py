@@ -75,15 +75,19 @@ def _run(arguments: argparse.Namespace) -> int:
         evaluate(arguments.scenes, arguments.out, arguments.method, tuple(arguments.only))
         return 0
     if command == "demo":
-        from cell.demo import demo
+        from cell.demo import Wish, demo
 
+        ur = arguments.driver == "ur"
         return demo(
-            arguments.config,
-            arguments.out,
-            sticks=arguments.sticks,
-            seed=arguments.seed,
-            speed=arguments.speed,
-            deadline_s=arguments.deadline_s,
+            Wish(
+                config=arguments.config,
+                out=arguments.out,
+                driver=arguments.driver,
+                sticks=arguments.sticks,
+                seed=arguments.seed,
+                speed=arguments.speed or (1.0 if ur else 4.0),
+                deadline_s=arguments.deadline_s,
+            )
         )
     raise AssertionError(command)
 
@@ -208,7 +212,15 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, default=Path("demo-out"), metavar="DIR")
     demo.add_argument("--sticks", type=int, default=12)
     demo.add_argument("--seed", type=int, default=4)
-    demo.add_argument("--speed", type=_positive, default=4.0, help="simulated seconds per second")
+    demo.add_argument(
+        "--driver",
+        choices=("ur", "sim"),
+        default="ur",
+        help="ur: the arm's driver against a simulated controller; sim: the simulated cell's own arm",
+    )
+    demo.add_argument(
+        "--speed", type=_positive, help="simulated seconds per second, with --driver sim (default: 4)"
+    )
     demo.add_argument("--deadline-s", type=_positive, default=240.0)
     return root
 

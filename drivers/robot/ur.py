@@ -27,6 +27,7 @@ from drivers.robot.ur_link import Do
 from drivers.robot.ur_motion import Progress, Watch
 from drivers.robot.ur_preflight import TCP_TOLD_M, TCP_TOLD_RAD, look, offset_of, payload_line, tcp_line
 from drivers.robot.ur_process import WorkerProcess
+from drivers.robot.ur_reach import UrKinematics
 from drivers.robot.ur_stream import PINS, Snapshot, UrStream
 from drivers.settings import UrRobotSettings
 from drivers.timing import Clock, StopRequested, StopToken
@@ -54,6 +55,7 @@ class UrRobot:
         self._settings = settings
         self._clock = clock
         self._geometry = ur_limits.Geometry.of(settings)
+        self._kinematics = UrKinematics(settings)
         self._stream = UrStream(name, clock, offset_of(settings), self._doubt)
         self._worker: WorkerProcess | None = None
         self._opened = False
@@ -214,6 +216,7 @@ class UrRobot:
         """Straight to ``target``; see `drivers.interfaces.Robot`."""
         six = target.six()
         self._refuse(ur_limits.refused_line(six, motion, self._geometry))
+        motion = self._kinematics.paced(JointAngles(q_rad=self._fresh().q_rad), target, motion)
         slow = self._fraction()
         values = (*six, motion.speed_m_s * slow, motion.accel_m_s2)
         missed: Callable[[Snapshot], str | None] = lambda s: ur_limits.line_missed(six, s.tool)  # noqa: E731

@@ -27,8 +27,12 @@ _ALPHA: Final = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Links:
-    """One model's lengths, metres; upper arm ``a2`` and forearm ``a3`` are negative by convention."""
+    """One model's lengths, metres; upper arm ``a2`` and forearm ``a3`` are negative by convention.
 
+    ``fastest_rad_s`` of each joint, by the maker's data sheet.
+    """
+
+    fastest_rad_s: tuple[float, float, float, float, float, float]
     d1: float
     a2: float
     a3: float
@@ -42,10 +46,35 @@ class Links:
         return abs(self.a2) + abs(self.a3)
 
 
+_HALF, _THIRD, _TURN = math.pi, 2.0 * math.pi / 3.0, 2.0 * math.pi
 MODELS: Final = {
-    "UR3e": Links(d1=0.15185, a2=-0.24355, a3=-0.2132, d4=0.13105, d5=0.08535, d6=0.0921),
-    "UR5e": Links(d1=0.1625, a2=-0.425, a3=-0.3922, d4=0.1333, d5=0.0997, d6=0.0996),
-    "UR10e": Links(d1=0.1807, a2=-0.6127, a3=-0.57155, d4=0.17415, d5=0.11985, d6=0.11655),
+    "UR3e": Links(
+        fastest_rad_s=(_HALF, _HALF, _HALF, _TURN, _TURN, _TURN),
+        d1=0.15185,
+        a2=-0.24355,
+        a3=-0.2132,
+        d4=0.13105,
+        d5=0.08535,
+        d6=0.0921,
+    ),
+    "UR5e": Links(
+        fastest_rad_s=(_HALF, _HALF, _HALF, _HALF, _HALF, _HALF),
+        d1=0.1625,
+        a2=-0.425,
+        a3=-0.3922,
+        d4=0.1333,
+        d5=0.0997,
+        d6=0.0996,
+    ),
+    "UR10e": Links(
+        fastest_rad_s=(_THIRD, _THIRD, _HALF, _HALF, _HALF, _HALF),
+        d1=0.1807,
+        a2=-0.6127,
+        a3=-0.57155,
+        d4=0.17415,
+        d5=0.11985,
+        d6=0.11655,
+    ),
 }
 
 

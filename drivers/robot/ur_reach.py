@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,12 +20,15 @@ import numpy as np
 from drivers.robot.ur_limits import JOINT_LIMIT_RAD, matrix_of
 from drivers.robot.ur_postures import MODELS, Floats, distances, joint_frames, postures
 from drivers.settings import UrRobotSettings
-from drivers.types import JointAngles, NotReachable, ReachLimit, ToolPose
+from drivers.types import JointAngles, LineMotion, NotReachable, ReachLimit, ToolPose
 
 STEP_M: Final = 0.02
 STEP_RAD: Final = 0.1
 SWING_RAD: Final = 0.8
 """No joint turns further than this from one step of a line to the next, unless the posture changes."""
+SPEED_SHARE: Final = 0.7
+ACCEL_RAD_S2: Final = 8.0
+"""Of the joint that turns most along a line."""
 
 
 class UrKinematics:
@@ -62,6 +66,28 @@ class UrKinematics:
                 return against
             q, here = followed[-1], there
         return None
+
+    def paced(self, start: JointAngles, target: ToolPose, motion: LineMotion) -> LineMotion:
+        """A line slowed until no joint has to turn faster than `SPEED_SHARE` of what it can.
+
+        A line's speed is that of its point. A hand that turns a lot on a short line asks for joints that
+        race, and the arm's safety system stops it.
+        """
+        q = np.array(start.q_rad, dtype=np.float64)
+        here = joint_frames(self._links, q)[6] @ self._flange_from_tool
+        there = matrix_of(target.six())
+        length = float(np.linalg.norm(there[:3, 3] - here[:3, 3]))
+        followed, against = self._follow(q, _line(here, there) @ self._tool_from_flange, 0)
+        if against is not None or length < 1e-6:
+            return motion  # for the arm to refuse; or a turn on the spot, which has no speed along its line
+        turned = np.abs(np.diff(np.vstack([q, followed]), axis=0)) / (length / len(followed))
+        speed = SPEED_SHARE / float((turned / np.array(self._links.fastest_rad_s)).max(initial=1e-9))
+        accel = ACCEL_RAD_S2 / float(turned.max(initial=1e-9))
+        return replace(
+            motion,
+            speed_m_s=min(motion.speed_m_s, speed),
+            accel_m_s2=min(motion.accel_m_s2, accel),
+        )
 
     def _out_of_reach(self, poses: list[Floats]) -> NotReachable | None:
         """The first pose that no posture reaches; the rest is a matter of the way."""

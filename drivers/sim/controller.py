@@ -22,8 +22,8 @@ from drivers.types import Grip, JointAngles, Pixels, RobotState, SafetyMode, Six
 
 LEASE_S = 0.3
 """A motion goes on only while its client asks after it at least this often (real time)."""
-EXPOSURE_KEPT_S = 0.5
-"""The second eye may still develop an exposure this old."""
+EXPOSURE_KEPT_S = 3.0
+"""The second eye may still develop an exposure this old: on a busy machine the first one takes its time."""
 LONGEST_JUMP_S = 0.25
 """After the process was frozen, simulated time goes on from where it was."""
 EYES = ("left", "right")

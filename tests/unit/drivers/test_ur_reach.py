@@ -12,7 +12,7 @@ from drivers.robot.ur_limits import matrix_of, six_of
 from drivers.robot.ur_postures import MODELS, Floats, joint_frames
 from drivers.robot.ur_reach import UrKinematics, _line
 from drivers.settings import UrReachSettings, UrRobotSettings
-from drivers.types import JointAngles, NotReachable, ReachLimit, Six, ToolPose
+from drivers.types import JointAngles, LineMotion, NotReachable, ReachLimit, Six, ToolPose
 
 WATCH = JointAngles(q_rad=(2.14, -1.92, 1.91, -1.56, -1.5708, 3.71))
 TCP: Six = (0.0, 0.0, 0.165, 0.0, 0.0, 0.0)
@@ -195,3 +195,20 @@ def test_margins_have_sensible_defaults() -> None:
         shoulder_margin_m=0.03,
         calibration_m=0.003,
     )
+
+
+def test_a_line_on_which_the_hand_turns_a_lot_is_slowed_to_what_the_joints_can_do() -> None:
+    start = tool_of(WATCH)
+    turned = ToolPose.of(six_of(matrix_of(start.six()) @ matrix_of((0.0, 0.05, 0.0, 0.0, 0.0, -2.5))))
+    motion = LineMotion(speed_m_s=0.6, accel_m_s2=1.2, timeout_s=15.0)
+    paced = arm().paced(WATCH, turned, motion)
+    # joint 6 turns 2.5 rad on 0.05 m: at 0.6 m/s that would be 30 rad/s, ten times what it can
+    assert paced.speed_m_s * 2.5 / 0.05 <= 0.75 * math.pi
+    assert paced.accel_m_s2 * 2.5 / 0.05 <= 8.1
+    assert paced.speed_m_s > 0.03
+
+
+def test_a_line_that_the_joints_can_follow_keeps_its_pace() -> None:
+    motion = LineMotion(speed_m_s=0.15, accel_m_s2=0.6, timeout_s=10.0)
+    start = tool_of(WATCH)
+    assert arm().paced(WATCH, replace(start, z=start.z - 0.1), motion) == motion
