@@ -203,9 +203,9 @@ def main(argv: Sequence[str]) -> int:
             sys.stderr.write(f"simulated UR controller: {refused}\n")
             return arguments.EXIT_USAGE
     machine = Machine(setup, options.host, options.fault_port, options.seed, world)
-    _say({"ready": True, "host": options.host, "fault_port": machine.fault_port})
     gc.collect()
-    gc.freeze()
+    gc.freeze()  # nothing made so far is looked through again
+    _say({"ready": True, "host": options.host, "fault_port": machine.fault_port})
     try:
         machine.run(ending)
     finally:
