@@ -89,6 +89,7 @@ def costs(ur: Controller) -> Iterator[tuple[str, str, str]]:
         share, pace = ur.shares(LOOK_S)
         return what, tables.percent(share), tables.number(pace, 4)
 
+    ur.shares(SETTLE_S)  # past its start
     yield row("nobody connected")
     control, receive = RTDEControlInterface(ur.host, 500.0), RTDEReceiveInterface(ur.host, 500.0)
     try:
@@ -165,8 +166,8 @@ def main() -> int:
                 headings=("motion", "median", "largest", "by its profile"),
                 rows=tuple(motions(ur, options.repeats)),
                 notes=(
-                    "A stop's way counts from the order on this side of the library, a line's time from call to "
-                    "return: both hold the library's round trip.",
+                    "A stop's way counts from the order on this side of the library, a line's time from call "
+                    "to return: both hold the library's round trip.",
                 ),
             )
         )

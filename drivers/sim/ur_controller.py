@@ -92,6 +92,13 @@ class Machine:
         """The number of the fault port."""
         return self.ports.by_name[FAULT].number
 
+    @property
+    def world(self) -> str:
+        """Whether the simulated cell is there."""
+        if self.link is None:
+            return "none"
+        return "up" if self.link.up else "down"
+
     def close(self) -> None:
         """Ports and link."""
         if self.link is not None:
