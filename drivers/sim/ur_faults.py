@@ -73,6 +73,7 @@ class Faults:
             "protective_stop": lambda: core.protective_stop("fault port"),
             "safeguard": core.safeguard_stop,
             "emergency_stop": core.emergency_stop,
+            "reduced": core.reduce,
             "violation": self._violation,
             "power_off": core.power_off,
         }
