@@ -171,7 +171,7 @@ def test_it_picks_a_stick_in_the_simulated_cell() -> None:
         down = np.array([0.0, 0.0, -1.0])
         attitude = rotvec_of(np.column_stack([np.cross(along, down), along, down]))
         below = [*middle, *attitude]
-        above = [*([*middle, 0.0, 0.0, 0.1]), *attitude]
+        above = [*(middle - 0.1 * down), *attitude]
         assert ur.status()["q"] == pytest.approx(cell.ask("state").six("q_rad"))
         found = told("pick", ur, json.dumps(above), json.dumps(below))
         assert found == {"held": [False, True, True], "moved": [True, True, True]}
