@@ -94,6 +94,13 @@ class Machine:
         """The number of the fault port."""
         return self.ports.by_name[FAULT].number
 
+    @property
+    def world(self) -> str:
+        """Whether the simulated cell is there."""
+        if self.link is None:
+            return "none"
+        return "up" if self.link.up else "down"
+
     def close(self) -> None:
         """Ports and link."""
         if self.link is not None:
@@ -208,9 +215,9 @@ def main(argv: Sequence[str]) -> int:
             sys.stderr.write(f"simulated UR controller: {refused}\n")
             return arguments.EXIT_USAGE
     machine = Machine(setup, options.host, options.fault_port, options.seed, world)
-    _say({"ready": True, "host": options.host, "fault_port": machine.fault_port})
     gc.collect()
-    gc.freeze()
+    gc.freeze()  # nothing made so far is looked through again
+    _say({"ready": True, "host": options.host, "fault_port": machine.fault_port})
     try:
         machine.run(ending)
     finally:
