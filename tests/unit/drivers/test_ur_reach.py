@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.robot.ur_limits import matrix_of, six_of
-from drivers.robot.ur_postures import MODELS, Floats, joint_frames
+from drivers.robot.ur_postures import MODELS, Floats, joint_frames, postures
 from drivers.robot.ur_reach import UrKinematics, _line
 from drivers.settings import UrReachSettings, UrRobotSettings
 from drivers.types import JointAngles, LineMotion, NotReachable, ReachLimit, Six, ToolPose
@@ -161,11 +161,10 @@ def test_what_is_allowed_can_be_followed_by_the_joints(model: str) -> None:
         if kinematics.refused(start, (pose,)) is not None:
             continue
         allowed += 1
-        q, problem = kinematics._follow(  # the joints themselves are nobody else's business
-            np.array(start.q_rad),
-            _fine(tool_of(start, model), pose) @ np.linalg.inv(matrix_of(TCP)),
-            0,
-        )
+        line = _fine(tool_of(start, model), pose) @ np.linalg.inv(matrix_of(TCP))
+        found = postures(MODELS[model], line)
+        # the joints themselves are nobody else's business
+        q, problem = kinematics._follow(np.array(start.q_rad), found, range(len(line)), 0)
         assert problem is None
         steps = np.abs(np.diff(np.vstack([start.q_rad, q]), axis=0)).max()
         assert float(steps) < 0.15
