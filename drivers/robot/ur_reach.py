@@ -38,6 +38,8 @@ class UrKinematics:
 
     def __init__(self, settings: UrRobotSettings) -> None:
         reach = settings.reach
+        self._box_min_m = np.array(settings.tool_box_min_m)
+        self._box_max_m = np.array(settings.tool_box_max_m)
         self._links = MODELS[settings.model]
         self._flange_from_tool = matrix_of(settings.tcp_m_rad)
         self._tool_from_flange = np.linalg.inv(self._flange_from_tool)
@@ -55,10 +57,10 @@ class UrKinematics:
         """What stands against going from ``start`` along straight lines through ``way``; None: nothing."""
         q = np.array(start.q_rad, dtype=np.float64)
         here = joint_frames(self._links, q)[6] @ self._flange_from_tool
-        against = self._against(q[None], 0)
+        poses = [matrix_of(pose.six()) for pose in way]
+        against = self._outside([here, *poses]) or self._against(q[None], 0)
         if against is not None or not way:
             return against
-        poses = [matrix_of(pose.six()) for pose in way]
         lines = [_line(a, b) for a, b in itertools.pairwise([here, *poses])]
         found = postures(self._links, np.concatenate(lines) @ self._tool_from_flange)
         ends = np.cumsum([len(line) for line in lines])
@@ -99,6 +101,15 @@ class UrKinematics:
             speed_m_s=min(motion.speed_m_s, speed),
             accel_m_s2=min(motion.accel_m_s2, accel),
         )
+
+    def _outside(self, poses: list[Floats]) -> NotReachable | None:
+        """The first of the places, the start before the legs' ends, that lies outside the tool's box."""
+        points = np.array([pose[:3, 3] for pose in poses])
+        beyond = np.maximum(self._box_min_m - points, points - self._box_max_m).max(axis=1)
+        for number, metres in enumerate(beyond):
+            if metres > 0.0:
+                return _not(ReachLimit.BOX, float(metres), 0.0, "m", max(0, number - 1))
+        return None
 
     def _out_of_reach(self, found: Postures, number: int, leg: int) -> NotReachable | None:
         """Whether one pose can be reached at all, straight elbow left aside."""
