@@ -39,6 +39,8 @@ from drivers.sim.ur_talks import DASHBOARD, PRIMARY, REAL_TIME, RTDE, SECONDARY,
 ENDING = (signal.SIGTERM, signal.SIGINT)
 LONGEST_CATCH_UP_S = 0.1
 """After a standstill of the process at most this much real time is made up for; the rest never was."""
+EXCUSED_S = 0.02
+"""Longer standstills of this process do not count against its clients: a real controller has none."""
 FAULT = "fault"
 WORLD_MODEL = "UR5e"
 
@@ -108,6 +110,9 @@ class Machine:
         while not ended:
             self.ports.serve(pacing.next_at() - time.monotonic(), time.monotonic)
             owed = pacing.owed(time.monotonic())
+            late_s = (owed - pacing.stride) * STEP_S - EXCUSED_S
+            if late_s > 0.0:
+                self.core.was_late(late_s)
             for left in range(owed - 1, -1, -1):
                 if not self.standing:
                     self.core.step()

@@ -1,335 +1,251 @@
-"""Every fault of a UR arm over the wire, while it rests, on its way down, and with a part in the hand.
+"""The fault port of the simulated UR controller: what each fault does to the bytes on the wire.
 
-Each time: the reaction is bounded, the fault has its code, the arm stands, nothing moves without a new order
-(the controller's own counters), an output that holds a part stays on, no process is left behind, and a reset
-leads back where one may. The figures are printed at the end.
+Real sockets and real time, because that is what a fault is about.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
+import itertools
+import socket
+import struct
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
-from cell.faults import FaultCode, fault_of
-from drivers.errors import DriverError, SafetyStop
-from drivers.robot.ur import UrRobot
-from drivers.timing import MonotonicClock, StopToken
-from drivers.types import JointAngles, JointMotion, LineMotion, SafetyMode
-from tests.fakes.ur_controller import START_Q, Json, UrController, ur_controller
-
-CLOCK = MonotonicClock()
-HOME = JointAngles(q_rad=START_Q)
-QUICK = JointMotion(speed_rad_s=2.0, accel_rad_s2=4.0, timeout_s=10.0)
-DOWN = LineMotion(speed_m_s=0.1, accel_m_s2=0.5, timeout_s=2.5)
-DEPTH_M = 0.15
-GRIPPER = 0
-UNDER_WAY_S = 0.3
-STANDS_S = 0.6
-"""From the fault until the arm stands, at most: 0.25 s to notice silence, the watchdog, the deceleration."""
-TOLD_S = 1.5
-QUIET_S = 0.4
-ALL: list[Json] = [29999, 30001, 30002, 30003, 30004]
-IDLE, APPROACH, CARRYING = "idle", "approach", "carrying"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
-    """What is done to the controller or the worker, and which code must come of it.
-
-    ``idle`` None: nothing is wrong as long as the arm rests. ``undo`` is what a person or time does before
-    the reset. Where the fault leaves the motion alone it ends by its time limit, so ``stands_s`` is longer.
-    """
-
-    name: str
-    do: Callable[[UrController, UrRobot], None]
-    code: FaultCode
-    idle: FaultCode | None
-    undo: Callable[[UrController], None] = lambda controller: controller.mend()
-    stands_s: float = STANDS_S
-    told_s: float = TOLD_S
-
-
-def _cut(how: str) -> Callable[[UrController, UrRobot], None]:
-    return lambda controller, _: controller.do("cut", ports=[30004], how=how)
-
-
-def _gone(controller: UrController, _: UrRobot) -> None:
-    controller.do("refuse", ports=ALL)
-    controller.do("cut", ports=ALL, how="rst")
-
-
-def _freeze(what: str) -> Callable[[UrController, UrRobot], None]:
-    return lambda controller, _: controller.do("freeze", what=what)
-
-
-def _simply(doing: str, /, **values: object) -> Callable[[UrController, UrRobot], None]:
-    return lambda controller, _: controller.do(doing, **values)  # type: ignore[arg-type]  # JSON values
-
-
-def _signal(number: signal.Signals) -> Callable[[UrController, UrRobot], None]:
-    def do(_: UrController, robot: UrRobot) -> None:
-        pid = robot.worker_pid
-        assert pid is not None
-        os.kill(pid, number)
-
-    return do
-
-
-def _released(controller: UrController) -> None:
-    controller.do("release")
-    controller.mend()
-
-
-C = FaultCode
-FAULTS = (
-    Fault(name="RTDE cut, RST", do=_cut("rst"), code=C.ROBOT_LOST, idle=C.ROBOT_LOST),
-    Fault(name="RTDE cut, FIN", do=_cut("fin"), code=C.ROBOT_LOST, idle=C.ROBOT_LOST),
-    Fault(name="controller gone", do=_gone, code=C.ROBOT_LOST, idle=C.ROBOT_LOST),
-    Fault(name="RTDE frozen", do=_freeze("rtde"), code=C.ROBOT_STALE, idle=C.ROBOT_STALE),
-    Fault(name="all frozen", do=_freeze("all"), code=C.ROBOT_STALE, idle=C.ROBOT_STALE),
-    Fault(name="its clock stands", do=_freeze("clock"), code=C.ROBOT_STALE, idle=C.ROBOT_STALE),
-    Fault(name="half a frame", do=_simply("half_frame"), code=C.ROBOT_STALE, idle=C.ROBOT_STALE),
-    Fault(
-        name="RTDE 1 s late", do=_simply("delay", what="rtde", s=1.0), code=C.ROBOT_STALE, idle=C.ROBOT_STALE
-    ),
-    Fault(
-        name="protective stop", do=_simply("protective_stop"), code=C.PROTECTIVE_STOP, idle=C.PROTECTIVE_STOP
-    ),
-    Fault(
-        name="safeguard stop",
-        do=_simply("safeguard"),
-        code=C.SAFEGUARD_STOP,
-        idle=C.SAFEGUARD_STOP,
-        undo=_released,
-    ),
-    Fault(
-        name="emergency stop",
-        do=_simply("emergency_stop"),
-        code=C.EMERGENCY_STOP,
-        idle=C.EMERGENCY_STOP,
-        undo=_released,
-    ),
-    Fault(name="program killed", do=_simply("kill_program"), code=C.MOVE_REJECTED, idle=C.MOVE_REJECTED),
-    Fault(name="worker SIGSEGV", do=_signal(signal.SIGSEGV), code=C.ROBOT_LOST, idle=C.ROBOT_LOST),
-    Fault(name="worker hangs", do=_signal(signal.SIGSTOP), code=C.MOVE_REJECTED, idle=C.MOVE_REJECTED),
-    Fault(
-        name="slow motion",
-        do=_simply("slow", factor=0.02),
-        code=C.ROBOT_SLOW,
-        idle=None,
-        stands_s=3.5,
-        told_s=3.5,
-    ),
-    Fault(
-        name="speed slider 0",
-        do=_simply("speed_slider", fraction=0.0),
-        code=C.ROBOT_SLOW,
-        idle=None,
-        stands_s=3.5,
-        told_s=3.5,
-    ),
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
-    """One row of what is printed."""
-
-    fault: str
-    when: str
-    code: str
-    told_s: float
-    stood_s: float
-    back_s: float
+from tests.fakes.rtdewire import PACKAGE, RtdeWire
+from tests.fakes.urcontroller import PORTS, UrController, ur_controller
 
 
 @pytest.fixture(scope="module")
-def figures(request: pytest.FixtureRequest) -> Iterator[list[Figures]]:
-    rows: list[Figures] = []
-    yield rows
-    reporter = request.config.pluginmanager.get_plugin("terminalreporter")
-    if reporter is None:
-        return
-    reporter.write_line("")
-    reporter.write_line(f"{'fault':<18} {'when':<9} {'code':<16} {'told':>7} {'stands':>7} {'back':>7}   s")
-    for row in rows:
-        reporter.write_line(
-            f"{row.fault:<18} {row.when:<9} {row.code:<16} {row.told_s:7.3f} {row.stood_s:7.3f} "
-            f"{row.back_s:7.2f}"
-        )
-
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[UrController]:
+def one() -> Iterator[UrController]:
     with ur_controller() as running:
         yield running
 
 
 @pytest.fixture
-def robot(controller: UrController) -> Iterator[UrRobot]:
-    controller.mend()
-    made = UrRobot("robot", controller.settings(), CLOCK)
-    made.open()
-    made.move_joints(HOME, QUICK, StopToken(CLOCK))
-    yield made
-    made.close()
+def ur(one: UrController) -> Iterator[UrController]:
+    """The module's controller, mended after each test."""
+    yield one
+    one.do("thaw", what="all")
+    one.do("thaw", what="clock")
+    one.do("accept", ports=list(PORTS))
+    for what in ("rtde", "dashboard"):
+        one.do("delay", what=what, s=0.0)
+    one.do("jitter", s=0.0)
+    one.do("pieces", bytes=0)
+    one.do("registers", taken="none")
 
 
-class _Arm(threading.Thread):
-    """Watches the controller's own word on its arm, from the fault on, over the fault port."""
-
-    def __init__(self, controller: UrController) -> None:
-        super().__init__()
-        self.controller = controller
-        self.began_at = time.monotonic()
-        self.stood_at: float | None = None
-
-    def run(self) -> None:
-        before_m = -1.0
-        while time.monotonic() - self.began_at < 5.0:
-            status = self.controller.status()
-            # where its clock stands, speeds keep their last value and the arm stands all the same
-            if status["moving"] is not True or status["distance_m"] == before_m:
-                self.stood_at = time.monotonic()
-                return
-            moved_m = status["distance_m"]
-            assert isinstance(moved_m, int | float)
-            before_m = moved_m
-            time.sleep(0.01)
-
-    @property
-    def stood_s(self) -> float:
-        self.join()
-        assert self.stood_at is not None, "the arm never stood"
-        return self.stood_at - self.began_at
+@pytest.fixture
+def wire(ur: UrController) -> Iterator[RtdeWire]:
+    with closing(RtdeWire(ur.host)) as client:
+        yield client
 
 
-def children() -> dict[int, str]:
-    """Our child processes and their states; Z is a zombie."""
-    found: dict[int, str] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == os.getpid():
-            found[int(stat.parent.name)] = fields[0]
-    return found
+def dashboard(host: str, timeout_s: float = 3.0) -> socket.socket:
+    connection = socket.create_connection((host, 29999), timeout=timeout_s)
+    assert connection.recv(100) == b"Connected: Universal Robots Dashboard Server\n"
+    return connection
 
 
-def reset(robot: UrRobot) -> None:
-    """What the cell's loop does on a reset edge."""
-    try:
-        robot.recover()
-    finally:
-        robot.close()
-    robot.open()
+def test_every_port_answers_as_a_controller(ur: UrController, wire: RtdeWire) -> None:
+    first, second = wire.timestamp(), wire.timestamp()
+    assert second - first == pytest.approx(0.002, abs=1e-9)
+    with closing(dashboard(ur.host)) as client:
+        client.sendall(b"robot")
+        client.sendall(b"mode\nsafetystatus\n")
+        said = b""
+        while said.count(b"\n") < 2:
+            said += client.recv(100)
+        assert said == b"Robotmode: RUNNING\nSafetystatus: NORMAL\n"
+        client.sendall(b"quit\n")
+        assert client.recv(100) == b"Disconnected\n"
+        assert client.recv(100) == b""
+    for port, kind in ((30001, 20), (30002, 20)):
+        with closing(socket.create_connection((ur.host, port), timeout=3.0)) as client:
+            head = client.recv(5, socket.MSG_WAITALL)
+            size, told = struct.unpack(">IB", head)
+            assert told == kind
+            client.recv(size - 5, socket.MSG_WAITALL)
+            size, told = struct.unpack(">IB", client.recv(5, socket.MSG_WAITALL))
+            assert told == 16  # a robot state follows
+    with closing(socket.create_connection((ur.host, 30003), timeout=3.0)) as client:
+        package = client.recv(1220, socket.MSG_WAITALL)
+        assert struct.unpack_from(">I", package) == (1220,)
+        assert struct.unpack_from(">6d", package, 4 + 8) == pytest.approx(ur.status()["q"])
 
 
-def _nothing_moves(controller: UrController) -> None:
-    before = controller.number("moves_started"), controller.number("distance_m")
-    time.sleep(QUIET_S)
-    assert (controller.number("moves_started"), controller.number("distance_m")) == before
-
-
-def _back(controller: UrController, robot: UrRobot, fault: Fault, started: float) -> float:
-    """Undo, reset, and see that nothing moves until the next order, which works."""
-    fault.undo(controller)
-    began_at = time.monotonic()
-    reset(robot)
-    took_s = time.monotonic() - began_at
-    assert controller.number("moves_started") == started
-    assert robot.state().safety is SafetyMode.NORMAL
-    robot.move_joints(HOME, QUICK, StopToken(CLOCK))
-    assert robot.state().joints.q_rad == pytest.approx(START_Q, abs=1e-3)
-    assert controller.number("moves_started") == started + 1
-    return took_s
-
-
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_at_rest(fault: Fault, controller: UrController, robot: UrRobot, figures: list[Figures]) -> None:
-    started = controller.number("moves_started")
-    fault.do(controller, robot)
-    began_at = time.monotonic()
-    code = _idle_code(robot, began_at + TOLD_S)
-    told_s = time.monotonic() - began_at
-    assert code is fault.idle
-    assert not controller.moving
-    _nothing_moves(controller)
-    back_s = _back(controller, robot, fault, started)
-    name = "-" if code is None else code.name
-    figures.append(Figures(fault=fault.name, when=IDLE, code=name, told_s=told_s, stood_s=0.0, back_s=back_s))
-    assert "Z" not in children().values()
-
-
-def _idle_code(robot: UrRobot, until: float) -> FaultCode | None:
-    """What the cell's health check would make a fault of; None when all is well until the time is over."""
-    while time.monotonic() < until:
-        try:
-            state = robot.state()
-        except DriverError as error:
-            return fault_of(error).code
-        if state.safety is not SafetyMode.NORMAL:
-            return fault_of(SafetyStop("robot", state.safety)).code
-        if not state.program_running:
-            return FaultCode.MOVE_REJECTED
-        time.sleep(0.02)
-    return None
-
-
-@pytest.mark.parametrize("when", [APPROACH, CARRYING])
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_under_way(
-    fault: Fault, when: str, controller: UrController, robot: UrRobot, figures: list[Figures]
+@pytest.mark.parametrize(("how", "error"), [("rst", ConnectionResetError), ("fin", EOFError)])
+def test_a_cut_ends_the_connections_of_a_port(
+    ur: UrController, wire: RtdeWire, how: str, error: type[Exception]
 ) -> None:
-    robot.set_output(GRIPPER, when == CARRYING)
-    started = controller.number("moves_started")
-    here = robot.state().tool
-    target = replace(here, z=here.z - DEPTH_M)
-    arms: list[_Arm] = []
+    ur.do("cut", ports=[30004], how=how)
+    with pytest.raises(error):
+        wire.read_on()
+    assert ur.status()["connections"]["rtde"] == 0
+    with closing(RtdeWire(ur.host)) as again:
+        assert again.timestamp() > 0.0
 
-    def strike() -> None:
-        assert controller.moving
-        fault.do(controller, robot)
-        arms.append(_Arm(controller))
-        arms[0].start()
 
-    striking = threading.Timer(UNDER_WAY_S, strike)
-    striking.start()
-    with pytest.raises(DriverError) as caught:
-        robot.move_line(target, DOWN, StopToken(CLOCK))
-    told_at = time.monotonic()
-    striking.join()
-    stood_s = arms[0].stood_s
-    assert fault_of(caught.value).code is fault.code, str(caught.value)
-    assert stood_s < fault.stands_s
-    assert told_at - arms[0].began_at < fault.told_s
-    status = controller.status()
-    tool = status["tcp"]
-    assert isinstance(tool, list)
-    assert isinstance(tool[2], float)
-    assert tool[2] > target.z + 0.01, "the arm went on"
-    assert status["moves_started"] == started + 1
-    _nothing_moves(controller)
-    outputs = controller.status()["outputs"]
-    assert isinstance(outputs, int)
-    assert bool(outputs >> GRIPPER & 1) is (when == CARRYING)
-    back_s = _back(controller, robot, fault, started + 1)
-    figures.append(
-        Figures(
-            fault=fault.name,
-            when=when,
-            code=fault_of(caught.value).code.name,
-            told_s=told_at - arms[0].began_at,
-            stood_s=stood_s,
-            back_s=back_s,
-        )
-    )
-    assert "Z" not in children().values()
+def test_what_is_refused_is_refused_until_it_is_accepted(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("refuse", ports=["rtde", 29999])
+    for port in (30004, 29999):
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection((ur.host, port), timeout=1.0)
+    assert wire.timestamp() > 0.0  # a connection that is there stays
+    ur.do("accept", ports=["rtde", 29999])
+    dashboard(ur.host).close()
+
+
+def test_a_frozen_port_is_half_open(ur: UrController, wire: RtdeWire) -> None:
+    before_s = wire.timestamp()
+    ur.do("freeze", what="rtde")
+    wire.drain()
+    with pytest.raises(TimeoutError):
+        wire.next(0.3)
+    with closing(socket.create_connection((ur.host, 30004), timeout=1.0)) as new:  # the system accepts
+        new.settimeout(0.3)
+        new.sendall(b"\x00\x05V\x00\x02")
+        with pytest.raises(TimeoutError):
+            new.recv(10)
+        dashboard(ur.host).close()  # the other ports go on
+        ur.do("thaw", what="rtde")
+        new.settimeout(3.0)
+        assert new.recv(10) == b"\x00\x04V\x01"
+    assert wire.timestamp() - before_s > 0.5  # the controller's clock went on meanwhile
+
+
+def test_all_ports_can_be_frozen_but_the_fault_port(ur: UrController, wire: RtdeWire) -> None:
+    with closing(dashboard(ur.host)) as client:
+        ur.do("freeze", what="all")
+        wire.drain()
+        client.settimeout(0.3)
+        client.sendall(b"robotmode\n")
+        with pytest.raises(TimeoutError):
+            client.recv(10)
+        with pytest.raises(TimeoutError):
+            wire.next(0.2)
+
+
+def test_a_standing_clock_goes_on_talking(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("freeze", what="clock")
+    wire.drain()
+    assert {wire.timestamp() for _ in range(50)} == {wire.timestamp()}
+    ur.do("thaw", what="clock")
+    before = wire.timestamp()
+    wire.drain()
+    assert wire.timestamp() > before
+
+
+def test_half_a_frame_and_silence(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("half_frame")
+    with pytest.raises(TimeoutError):
+        wire.read_on(0.3)
+    assert wire.half == PACKAGE.size // 2
+
+
+def test_half_a_frame_and_an_end(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("half_frame", then="close")
+    with pytest.raises(EOFError):
+        wire.read_on()
+    assert wire.half == PACKAGE.size // 2
+
+
+def test_frames_in_pieces_are_whole_in_the_end(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("pieces", bytes=2)
+    wire.drain()
+    stamps = [wire.timestamp() for _ in range(100)]
+    gaps = [round(1e3 * (after - before)) for before, after in itertools.pairwise(stamps)]
+    assert set(gaps) == {2}
+
+
+def test_answers_of_the_dashboard_can_be_late(ur: UrController) -> None:
+    with closing(dashboard(ur.host)) as client:
+        ur.do("delay", what="dashboard", s=0.4)
+        asked_at = time.monotonic()
+        client.sendall(b"robotmode\n")
+        assert client.recv(100) == b"Robotmode: RUNNING\n"
+        assert 0.4 <= time.monotonic() - asked_at < 1.5
+
+
+def test_data_packages_can_be_late_and_uneven_but_keep_their_order(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("jitter", s=0.05)
+    wire.drain()
+    arrivals, stamps = [], []
+    for _ in range(200):
+        stamps.append(wire.timestamp())
+        arrivals.append(time.monotonic())
+    assert all(after > before for before, after in itertools.pairwise(stamps))
+    gaps = [after - before for before, after in itertools.pairwise(arrivals)]
+    assert max(gaps) > 0.01
+    ur.do("jitter", s=0.0)
+    ur.do("delay", what="rtde", s=0.3)
+    time.sleep(0.4)
+    wire.drain()
+    assert ur.status()["time_s"] - wire.timestamp() > 0.25
+
+
+def test_a_text_message_reaches_every_rtde_client(ur: UrController, wire: RtdeWire) -> None:
+    ur.do("message", text="something is odd", level=1)
+    while True:
+        kind, payload = wire.next()
+        if kind == "M":
+            break
+    assert payload == b"\x10something is odd\x0afault port\x01"
+
+
+def test_a_client_that_never_reads_holds_nobody_up(ur: UrController, wire: RtdeWire) -> None:
+    with closing(socket.socket()) as lazy:
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        lazy.connect((ur.host, 30003))
+        wire.drain()
+        stamps = [wire.timestamp() for _ in range(1500)]
+    assert stamps[-1] - stamps[0] == pytest.approx(1499 * 0.002, abs=1e-6)
+
+
+def test_inputs_of_the_cabinet_can_be_set_and_variables_hidden(ur: UrController) -> None:
+    ur.do("inputs", bits=5)
+    assert ur.status()["inputs"] == 5
+    ur.do("inputs", bits=0)
+    ur.do("hide", names=["actual_q"])
+    with pytest.raises(ConnectionError, match="refused"):
+        RtdeWire(ur.host)
+    ur.do("hide", names=["none of them"])
+
+
+def test_a_fault_can_wait_for_its_time(ur: UrController) -> None:
+    before_s = ur.status()["time_s"]
+    ur.do("safeguard", at={"after_s": 0.2})
+    assert ur.status()["armed"] == 1
+    after_s = ur.wait(safety="SAFEGUARD_STOP")["time_s"]
+    assert after_s - before_s >= 0.2
+    ur.do("release")
+    assert ur.status()["safety"] == "NORMAL"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (b"nonsense", "not JSON"),
+        (b"[]", "not a JSON object"),
+        (b"{}", "'do' is None"),
+        (b'{"do": "dance"}', "'do' is 'dance'; it must be status or accept"),
+        (b'{"do": "cut", "ports": [80]}', "there is no port 80; there are 29999 (dashboard)"),
+        (b'{"do": "cut", "ports": []}', "a list with something in it"),
+        (b'{"do": "freeze", "what": "time"}', "rtde or dashboard"),
+        (b'{"do": "delay", "s": -1}', "from 0 to 600"),
+        (b'{"do": "slow", "factor": true}', "from 0 to 1"),
+        (b'{"do": "remote", "on": 1}', "true or false"),
+        (b'{"do": "version", "polyscope": "five"}', "such as 5.15.0"),
+        (b'{"do": "safeguard", "at": 3}', "an object"),
+        (b'{"do": "safeguard", "at": {}}', "after_s"),
+    ],
+)
+def test_a_request_that_is_not_understood_says_what_is(ur: UrController, line: bytes, said: str) -> None:
+    with closing(socket.create_connection((ur.host, ur.fault_port), timeout=3.0)) as client:
+        client.sendall(line + b"\n")
+        answer = client.makefile("r").readline()
+    assert '"error"' in answer
+    assert said in answer
