@@ -67,6 +67,10 @@ def _run(arguments: argparse.Namespace) -> int:
         return daemon.run(arguments.config)
     if command == "check":
         return _check(arguments.config)
+    if command == "doctor":
+        from cell.commission.doctor import doctor
+
+        return doctor(arguments.config, Console(soft_wrap=True, highlight=False))
     if command == "look":
         return _look(arguments)
     if command == "evaluate":
@@ -180,6 +184,11 @@ def parser() -> argparse.ArgumentParser:
 
     check = commands.add_parser("check", help="check a configuration and its calibration; opens no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
+
+    doctor = commands.add_parser(
+        "doctor", help="look at configuration, arm and gripper before the cell runs; moves nothing"
+    )
+    doctor.add_argument("config", type=Path, metavar="CONFIG")
 
     look = commands.add_parser("look", help="one look without motion: overlay PNG and JSON")
     look.add_argument("--left", type=Path, metavar="PICTURE")

@@ -20,6 +20,7 @@ from vision import transforms
 from vision.types import Transform
 
 _REASONS: Final = {
+    ReachLimit.BOX: PlanRefusal.WORKSPACE,
     ReachLimit.TOO_FAR: PlanRefusal.REACH,
     ReachLimit.TOO_NEAR: PlanRefusal.REACH,
     ReachLimit.JOINT: PlanRefusal.JOINT,

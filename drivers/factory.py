@@ -109,6 +109,36 @@ class Factory:
             case _:
                 assert_never(settings)
 
+    def gripper_checks(self, settings: GripperSettings, robot: RobotSettings) -> tuple[Check, ...]:
+        """What a look at the gripper shows, at the arm's pins where it is wired to these; moves nothing.
+
+        Raises
+        ------
+        DriverError
+            The arm's controller does not tell its pins.
+        """
+        match settings:
+            case SimGripperSettings():
+                return ()
+            case RobotIoGripperSettings():
+                from drivers.gripper import robot_io
+
+                match robot:
+                    case SimRobotSettings():
+                        return ()
+                    case UrRobotSettings():
+                        from drivers.robot.ur_pins import read_pins
+
+                        return robot_io.checks(settings, read_pins("gripper", robot.host, self.clock))
+                    case _:
+                        assert_never(robot)
+            case RobotiqGripperSettings():
+                from drivers.gripper import robotiq
+
+                return robotiq.checks(settings, self.clock)
+            case _:
+                assert_never(settings)
+
     def plc(self, name: str, settings: PlcSettings) -> Plc:
         """A PLC called ``name``."""
         match settings:

@@ -126,9 +126,18 @@ class Check:
     do: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pins:
+    """Digital pins of an arm at one instant, bit n for pin n."""
+
+    inputs: int
+    outputs: int
+
+
 class ReachLimit(Enum):
     """What keeps an arm from a place, or from the way there. Values are what a person reads."""
 
+    BOX = "outside the box the tool may be in"
     TOO_FAR = "farther than the arm reaches"
     TOO_NEAR = "nearer to its base than the arm can fold"
     JOINT = "a joint at its limit"

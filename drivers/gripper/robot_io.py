@@ -13,7 +13,7 @@ from drivers.errors import DeviceTimeout, DeviceUnavailable, StaleData
 from drivers.interfaces import DigitalIo
 from drivers.settings import RobotIoGripperSettings
 from drivers.timing import Clock, StopToken
-from drivers.types import Grip
+from drivers.types import Check, Grip, Pins
 
 POLL_S: Final = 0.01
 
@@ -24,6 +24,47 @@ class _Told(Enum):
     NOTHING = "nothing"
     OPEN = "open"
     CLOSE = "close"
+
+
+def checks(settings: RobotIoGripperSettings, pins: Pins) -> tuple[Check, ...]:
+    """What the pins say of a gripper that is left as it is."""
+    closed = bool(pins.outputs >> settings.close_output & 1)
+    held = bool(pins.inputs >> settings.holding_input & 1) is settings.holding_level
+    lines = [
+        Check(
+            what="jaws",
+            ok=True,
+            found=f"output {settings.close_output} is {'on: closed' if closed else 'off: open'}",
+        ),
+        Check(
+            what="confirm input",
+            ok=closed or not held,
+            found=f"input {settings.holding_input} says {'held' if held else 'nothing held'}"
+            + ("" if closed or not held else ", with open jaws"),
+            do="look into the jaws; then check the sensor and gripper.holding_level",
+        ),
+    ]
+    if settings.open_output is not None:
+        opening = bool(pins.outputs >> settings.open_output & 1)
+        lines.append(
+            Check(
+                what="valve",
+                ok=not (opening and closed),
+                found=f"output {settings.open_output} is {'on' if opening else 'off'}",
+                do="both coils are on: switch one off at the pendant, then check gripper.open_output",
+            )
+        )
+    if settings.open_input is not None:
+        says_open = bool(pins.inputs >> settings.open_input & 1)
+        lines.append(
+            Check(
+                what="open input",
+                ok=says_open is not closed,
+                found=f"input {settings.open_input} says {'open' if says_open else 'not open'}",
+                do="check air, the sensor's place and gripper.open_input",
+            )
+        )
+    return tuple(lines)
 
 
 class RobotIoGripper:

@@ -19,7 +19,7 @@ from typing import Final, NoReturn
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
 from drivers.settings import RobotiqGripperSettings
 from drivers.timing import Clock, StopToken
-from drivers.types import Grip
+from drivers.types import Check, Grip
 
 POLL_S: Final = 0.02
 CONNECT_S: Final = 1.0
@@ -48,7 +48,7 @@ FAULTS: Final = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Status:
+class Status:
     """The registers one decision needs. ``position`` 0 is fully open."""
 
     active: int
@@ -57,6 +57,35 @@ class _Status:
     detection: int
     asked: int
     position: int
+
+
+def checks(settings: RobotiqGripperSettings, clock: Clock) -> tuple[Check, ...]:
+    """What the registers say of a gripper that is left as it is."""
+    reader = RobotiqGripper("gripper", settings, clock)
+    try:
+        status = reader.look()
+    except (DeviceUnavailable, DeviceTimeout, CommandRejected) as error:
+        do = "check robot and tool cable, the gripper's URCap, and gripper.host"
+        return (Check(what="answer", ok=False, found=error.detail, do=do),)
+    finally:
+        reader.close()
+    text = "none" if status.fault == 0 else FAULTS.get(status.fault, "unknown to this driver")
+    return (
+        Check(what="answer", ok=True, found=f"{settings.host}:{settings.port}"),
+        Check(
+            what="activation",
+            ok=status.active == _ACTIVE or settings.activate,
+            found="active" if status.active == _ACTIVE else f"STA {status.active}",
+            do="activate it on the teach pendant, with nothing between the fingers",
+        ),
+        Check(
+            what="fault",
+            ok=status.fault == 0,
+            found=f"{status.fault}: {text}",
+            do="activate it anew on the teach pendant, with nothing between the fingers",
+        ),
+        Check(what="fingers", ok=True, found=f"at {status.position} of 255"),
+    )
 
 
 class RobotiqGripper:
@@ -118,9 +147,14 @@ class RobotiqGripper:
         self._refuse_unfit(status)
         return self._judged(status)
 
+    def look(self) -> Status:
+        """The registers as they are; connects where it has to, moves nothing, refuses nothing."""
+        self._opened = True
+        return self._status()
+
     # ------------------------------------------------------------------ what the registers mean
 
-    def _judged(self, status: _Status) -> Grip:
+    def _judged(self, status: Status) -> Grip:
         """By position: the gripper's own detection (2: contact, 3: none) overlooks thin parts."""
         if status.going and status.detection == _MOVING:
             return Grip.UNKNOWN
@@ -131,7 +165,7 @@ class RobotiqGripper:
             return Grip.CLOSED_EMPTY
         return Grip.UNKNOWN if stands_open else Grip.HOLDING
 
-    def _refuse_unfit(self, status: _Status) -> None:
+    def _refuse_unfit(self, status: Status) -> None:
         if status.fault != 0:
             text = FAULTS.get(status.fault, "unknown to this driver")
             self._no(f"fault {status.fault}: {text}")
@@ -146,7 +180,7 @@ class RobotiqGripper:
 
     # ------------------------------------------------------------------ orders
 
-    def _go(self, position: int, stop: StopToken) -> _Status:
+    def _go(self, position: int, stop: StopToken) -> Status:
         """Send the fingers and wait until they stand."""
         self._need_open()
         stop.check()
@@ -169,7 +203,7 @@ class RobotiqGripper:
                 raise DeviceTimeout(self._name, self._late(status, position, received=received, left=left))
             stop.wait(POLL_S)
 
-    def _late(self, status: _Status, position: int, *, received: bool, left: bool) -> str:
+    def _late(self, status: Status, position: int, *, received: bool, left: bool) -> str:
         if not received:
             what = f"the order to go to {position} was not taken (PRE {status.asked})"
         elif not left:
@@ -197,11 +231,11 @@ class RobotiqGripper:
 
     # ------------------------------------------------------------------ the wire
 
-    def _status(self) -> _Status:
+    def _status(self) -> Status:
         # detection before position: a position that is read later is never older
         active, fault, going = self._get("STA"), self._get("FLT"), self._get("GTO") == 1
         detection, asked = self._get("OBJ"), self._get("PRE")
-        return _Status(
+        return Status(
             active=active,
             fault=fault,
             going=going,

@@ -10,6 +10,7 @@ taken to be that much shorter: the elbow's margin grows where it has to.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from drivers.robot.ur_limits import JOINT_LIMIT_RAD, matrix_of
-from drivers.robot.ur_postures import MODELS, Floats, distances, joint_frames, postures
+from drivers.robot.ur_postures import MODELS, Floats, Postures, distances, joint_frames, postures
 from drivers.settings import UrRobotSettings
 from drivers.types import JointAngles, LineMotion, NotReachable, ReachLimit, ToolPose
 
@@ -26,6 +27,7 @@ STEP_M: Final = 0.02
 STEP_RAD: Final = 0.1
 SWING_RAD: Final = 0.8
 """No joint turns further than this from one step of a line to the next, unless the posture changes."""
+_TURN_RAD: Final = 2.0 * math.pi
 SPEED_SHARE: Final = 0.7
 ACCEL_RAD_S2: Final = 8.0
 """Of the joint that turns most along a line."""
@@ -36,6 +38,8 @@ class UrKinematics:
 
     def __init__(self, settings: UrRobotSettings) -> None:
         reach = settings.reach
+        self._box_min_m = np.array(settings.tool_box_min_m)
+        self._box_max_m = np.array(settings.tool_box_max_m)
         self._links = MODELS[settings.model]
         self._flange_from_tool = matrix_of(settings.tcp_m_rad)
         self._tool_from_flange = np.linalg.inv(self._flange_from_tool)
@@ -54,17 +58,25 @@ class UrKinematics:
         q = np.array(start.q_rad, dtype=np.float64)
         here = joint_frames(self._links, q)[6] @ self._flange_from_tool
         poses = [matrix_of(pose.six()) for pose in way]
-        against = self._against(q[None], 0) or self._out_of_reach(poses)
-        if against is not None:
+        against = self._outside([here, *poses]) or self._against(q[None], 0)
+        if against is not None or not way:
             return against
-        for leg, there in enumerate(poses):
-            line = _line(here, there) @ self._tool_from_flange
-            followed, against = self._follow(q, line, leg)
+        lines = [_line(a, b) for a, b in itertools.pairwise([here, *poses])]
+        found = postures(self._links, np.concatenate(lines) @ self._tool_from_flange)
+        ends = np.cumsum([len(line) for line in lines])
+        # a place nobody can reach is told as such, whatever else the way there would meet
+        for leg, last in enumerate(ends - 1):
+            against = self._out_of_reach(found, int(last), leg)
+            if against is not None:
+                return against
+        begins = 0
+        for leg, end in enumerate(ends):
+            followed, against = self._follow(q, found, range(begins, int(end)), leg)
             # what comes first on the way is what is told
             against = (self._against(followed, leg) if len(followed) else None) or against
             if against is not None:
                 return against
-            q, here = followed[-1], there
+            q, begins = followed[-1], int(end)
         return None
 
     def paced(self, start: JointAngles, target: ToolPose, motion: LineMotion) -> LineMotion:
@@ -77,7 +89,8 @@ class UrKinematics:
         here = joint_frames(self._links, q)[6] @ self._flange_from_tool
         there = matrix_of(target.six())
         length = float(np.linalg.norm(there[:3, 3] - here[:3, 3]))
-        followed, against = self._follow(q, _line(here, there) @ self._tool_from_flange, 0)
+        found = postures(self._links, _line(here, there) @ self._tool_from_flange)
+        followed, against = self._follow(q, found, range(len(found.q_rad)), 0)
         if against is not None or length < 1e-6:
             return motion  # for the arm to refuse; or a turn on the spot, which has no speed along its line
         turned = np.abs(np.diff(np.vstack([q, followed]), axis=0)) / (length / len(followed))
@@ -89,36 +102,43 @@ class UrKinematics:
             accel_m_s2=min(motion.accel_m_s2, accel),
         )
 
-    def _out_of_reach(self, poses: list[Floats]) -> NotReachable | None:
-        """The first pose that no posture reaches; the rest is a matter of the way."""
-        if not poses:
-            return None
-        found = postures(self._links, np.array(poses) @ self._tool_from_flange)
-        for leg, (beside, needed) in enumerate(zip(found.beside_m, found.needed_m, strict=True)):
-            lengths = needed[~np.isnan(needed)]
-            if not len(lengths) or lengths.min() > self._longest_m or np.isnan(found.q_rad[leg]).all():
-                return self._too_far(float(beside), needed, leg)
+    def _outside(self, poses: list[Floats]) -> NotReachable | None:
+        """The first of the places, the start before the legs' ends, that lies outside the tool's box."""
+        points = np.array([pose[:3, 3] for pose in poses])
+        beyond = np.maximum(self._box_min_m - points, points - self._box_max_m).max(axis=1)
+        for number, metres in enumerate(beyond):
+            if metres > 0.0:
+                return _not(ReachLimit.BOX, float(metres), 0.0, "m", max(0, number - 1))
         return None
 
-    def _follow(self, q: Floats, line: Floats, leg: int) -> tuple[Floats, NotReachable | None]:
-        """(K, 6) postures along (N, 4, 4) flange poses, each next to the one before; why not all N."""
-        found = postures(self._links, line)
-        followed: list[Floats] = []
-        for number in range(len(line)):
-            choices = found.q_rad[number]
-            choices = choices + 2.0 * math.pi * np.round((q - choices) / (2.0 * math.pi))
-            swings = np.abs(choices - q).max(axis=1)
-            swings = np.where(np.isnan(swings), np.inf, swings)
-            best = int(np.argmin(swings))
-            if not math.isfinite(swings[best]):
-                beside, needed = float(found.beside_m[number]), found.needed_m[number]
-                return np.array(followed).reshape(-1, 6), self._too_far(beside, needed, leg)
-            if swings[best] > SWING_RAD:
-                swing = _not(ReachLimit.SWING, float(swings[best]), SWING_RAD, "rad", leg)
-                return np.array(followed).reshape(-1, 6), swing
-            q = choices[best]
-            followed.append(q)
-        return np.array(followed).reshape(-1, 6), None
+    def _out_of_reach(self, found: Postures, number: int, leg: int) -> NotReachable | None:
+        """Whether one pose can be reached at all, straight elbow left aside."""
+        needed = found.needed_m[number]
+        lengths = needed[~np.isnan(needed)]
+        within = len(lengths) > 0 and lengths.min() <= self._longest_m
+        if within and not np.isnan(found.q_rad[number]).all():
+            return None
+        return self._too_far(float(found.beside_m[number]), needed, leg)
+
+    def _follow(
+        self, q: Floats, found: Postures, numbers: range, leg: int
+    ) -> tuple[Floats, NotReachable | None]:
+        """(K, 6) postures for the poses of these numbers, each next to the one before; and why not all."""
+        first = np.abs((found.q_rad[numbers[0]] - q + math.pi) % _TURN_RAD - math.pi).max(axis=1)
+        branch = 0 if np.isnan(first).all() else int(np.nanargmin(first))
+        path = found.q_rad[numbers[0] : numbers[-1] + 1, branch]
+        gaps = np.isnan(path[:, 0])
+        reached = int(np.argmax(gaps)) if gaps.any() else len(path)
+        # a posture is the same branch all along: away from singularities the branches do not touch
+        path = np.unwrap(np.vstack([q, path[:reached]]), axis=0)
+        swings = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
+        if (swings > SWING_RAD).any():
+            swung = int(np.argmax(swings > SWING_RAD))
+            return path[1 : swung + 1], _not(ReachLimit.SWING, float(swings[swung]), SWING_RAD, "rad", leg)
+        if reached < len(gaps):
+            number = numbers[reached]
+            return path[1:], self._too_far(float(found.beside_m[number]), found.needed_m[number], leg)
+        return path[1:], None
 
     def _too_far(self, beside_m: float, needed_m: Floats, leg: int) -> NotReachable:
         if beside_m < self._links.d4:

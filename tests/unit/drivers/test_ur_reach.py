@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.robot.ur_limits import matrix_of, six_of
-from drivers.robot.ur_postures import MODELS, Floats, joint_frames
+from drivers.robot.ur_postures import MODELS, Floats, joint_frames, postures
 from drivers.robot.ur_reach import UrKinematics, _line
 from drivers.settings import UrReachSettings, UrRobotSettings
 from drivers.types import JointAngles, LineMotion, NotReachable, ReachLimit, Six, ToolPose
@@ -20,7 +20,13 @@ OVER = ToolPose(x=0.0, y=-0.45, z=0.15, rx=math.pi, ry=0.0, rz=0.0)
 DOWN = replace(OVER, z=0.03)
 
 
-def arm(model: str = "UR5e", tcp: Six = TCP, **reach: object) -> UrKinematics:
+WIDE = (-0.75, -1.25, -0.5)
+NARROW = (-0.75, -0.75, -0.1)
+
+
+def arm(
+    model: str = "UR5e", tcp: Six = TCP, box_min: tuple[float, float, float] = WIDE, **reach: object
+) -> UrKinematics:
     settings = UrRobotSettings.model_validate(
         {
             "driver": "ur",
@@ -29,8 +35,8 @@ def arm(model: str = "UR5e", tcp: Six = TCP, **reach: object) -> UrKinematics:
             "tcp_m_rad": tcp,
             "payload_kg": 1.0,
             "payload_cog_m": (0.0, 0.0, 0.05),
-            "tool_box_min_m": (-0.6, -0.6, 0.0),
-            "tool_box_max_m": (0.6, 0.6, 0.6),
+            "tool_box_min_m": box_min,
+            "tool_box_max_m": (0.75, 0.75, 0.8),
             "reach": reach,
         }
     )
@@ -68,6 +74,12 @@ def test_the_reach_is_shorter_by_what_the_calibration_may_take() -> None:
     for calibration_m, short in ((0.001, 0.001), (0.01, 0.01)):
         told = against(arm(calibration_m=calibration_m, elbow_margin_rad=0.0), replace(OVER, y=-1.2))
         assert told.bound == pytest.approx(reach - short)
+
+
+def test_outside_the_tools_box_is_told_with_how_far_before_anything_else() -> None:
+    told = against(arm(box_min=(-0.7, -0.4, 0.0)), OVER)
+    assert (told.limit, told.unit, told.leg) == (ReachLimit.BOX, "m", 0)
+    assert told.value == pytest.approx(0.05)
 
 
 def test_too_near_the_base_is_told_apart() -> None:
@@ -150,22 +162,21 @@ def test_a_line_turns_evenly_and_ends_in_its_pose(axis: tuple[float, float, floa
 def test_what_is_allowed_can_be_followed_by_the_joints(model: str) -> None:
     """Every allowed way, sampled finely, is joined up and ends where it should."""
     rng = np.random.default_rng(3)
-    kinematics = arm(model)
+    kinematics = arm(model, box_min=NARROW)
     size = MODELS[model].stretched_m
     start = JointAngles(q_rad=(0.2, -1.6, 1.7, -1.67, -math.pi / 2, 0.1))
     allowed = 0
-    for _ in range(60):
+    for _ in range(80):
         radius, bearing = rng.uniform(0.2, 1.3) * size, rng.uniform(-1.2, 1.2)
         x, y = -radius * math.cos(bearing), -radius * math.sin(bearing)
         pose = ToolPose(x=x, y=y, z=float(rng.uniform(0.0, 0.4)), rx=math.pi, ry=0.0, rz=0.0)
         if kinematics.refused(start, (pose,)) is not None:
             continue
         allowed += 1
-        q, problem = kinematics._follow(  # the joints themselves are nobody else's business
-            np.array(start.q_rad),
-            _fine(tool_of(start, model), pose) @ np.linalg.inv(matrix_of(TCP)),
-            0,
-        )
+        line = _fine(tool_of(start, model), pose) @ np.linalg.inv(matrix_of(TCP))
+        found = postures(MODELS[model], line)
+        # the joints themselves are nobody else's business
+        q, problem = kinematics._follow(np.array(start.q_rad), found, range(len(line)), 0)
         assert problem is None
         steps = np.abs(np.diff(np.vstack([start.q_rad, q]), axis=0)).max()
         assert float(steps) < 0.15
