@@ -70,7 +70,7 @@ def _freeze(what: str) -> Callable[[UrController, UrRobot], None]:
 
 
 def _simply(doing: str, /, **values: object) -> Callable[[UrController, UrRobot], None]:
-    return lambda controller, _: controller.do(doing, **values)  # type: ignore[arg-type]  # JSON values
+    return lambda controller, _: controller.do(doing, **values)
 
 
 def _signal(number: signal.Signals) -> Callable[[UrController, UrRobot], None]:
