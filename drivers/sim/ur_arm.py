@@ -31,6 +31,7 @@ RAMP_S = 0.1
 """From full speed to a hold, and back. Assumed; a real arm's depends on load and speed."""
 STEADY_S = 0.1
 """Resting this long counts as steady. Assumed."""
+SLOWEST = 1e-6
 TOO_FAST = 1.05
 """A joint that would have to turn faster than its limit by this factor trips a protective stop."""
 
@@ -136,7 +137,7 @@ class UrArm:
 
     def start(self, way: Way, speed: float, accel: float) -> None:
         """Go this way, from rest; `CannotFollow` for a speed or an acceleration that is none."""
-        if not (0.0 < speed < math.inf and 0.0 < accel < math.inf):
+        if not (SLOWEST <= speed < math.inf and SLOWEST <= accel < math.inf):
             raise CannotFollow(f"speed {speed:g} and acceleration {accel:g} must be above 0")
         self._motion = Motion(way, speed, accel)
         self.moves_started += 1

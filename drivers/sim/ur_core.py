@@ -4,7 +4,7 @@
 here waits, knows real time, or can be entered from a second thread.
 
 Where no document says how a real controller behaves (what a protective stop does to the program, how fast it
-stops) the choice is an assumption; docs/design.md lists where it was checked.
+stops) the choice is an assumption: docs/explanation/simulated-controller.md lists them.
 """
 
 from __future__ import annotations
@@ -284,10 +284,17 @@ class Core:
         self.stop_program("emergency stop")
         self.mode, self._mode_changes = RobotMode.POWER_OFF, []
 
+    def reduce(self) -> None:
+        """Reduced mode: tighter limits, which nothing here checks; only the state is told."""
+        if self.safety is Safety.NORMAL:
+            self.safety = Safety.REDUCED
+
     def release(self, resume: bool = False) -> bool:
         """Let go of the button or leave the light curtain; ``resume`` plays on after a safeguard."""
         match self.safety:
             case Safety.ROBOT_EMERGENCY_STOP | Safety.SYSTEM_EMERGENCY_STOP:
+                self.safety = Safety.NORMAL
+            case Safety.REDUCED:
                 self.safety = Safety.NORMAL
             case Safety.SAFEGUARD_STOP:
                 self.safety = Safety.NORMAL

@@ -20,10 +20,13 @@ Act: TypeAlias = Callable[[], None]
 LONGEST_LINE = 65536
 
 
-class Standing(Protocol):
-    """Whose clock can be stopped."""
+class Whole(Protocol):
+    """The machine around the core: its clock can be stopped, and it may be wired to a simulated cell."""
 
     standing: bool
+
+    @property
+    def world(self) -> str: ...
 
 
 def status_values(core: Core) -> dict[str, Json]:
@@ -63,13 +66,14 @@ def status_values(core: Core) -> dict[str, Json]:
 class Faults:
     """Requests of the fault port, carried out between two steps of the controller."""
 
-    def __init__(self, core: Core, ports: Ports, owners: Owners, standing: Standing) -> None:
-        self._core, self._ports, self._owners, self._standing = core, ports, owners, standing
+    def __init__(self, core: Core, ports: Ports, owners: Owners, whole: Whole) -> None:
+        self._core, self._ports, self._owners, self._whole = core, ports, owners, whole
         self._orders: dict[str, Act] = {
             "kill_program": lambda: core.stop_program("killed by a fault"),
             "protective_stop": lambda: core.protective_stop("fault port"),
             "safeguard": core.safeguard_stop,
             "emergency_stop": core.emergency_stop,
+            "reduced": core.reduce,
             "violation": self._violation,
             "power_off": core.power_off,
         }
@@ -137,6 +141,7 @@ class Faults:
             "owned_inputs": self._owners.owned(),
             "dropped_clients": self._ports.dropped,
             "armed": len(self._core.armed),
+            "world": self._whole.world,
         }
 
     # ------------------------------------------------------------------ wires
@@ -187,7 +192,7 @@ class Faults:
 
         def act() -> None:
             if what == "clock":
-                self._standing.standing = frozen
+                self._whole.standing = frozen
                 return
             for port in self._ports.by_name.values():
                 if port.name != "fault" and what in (port.name, "all"):

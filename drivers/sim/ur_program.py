@@ -28,6 +28,7 @@ from drivers.sim.ur_script import (
 Cycles: TypeAlias = Iterator[None]
 
 READY, DONE = 1, 2
+LARGEST = 1e6
 STOP_SCRIPT = 255
 STEP_S = 0.002
 REPLACED_STOP_S = 0.1
@@ -105,7 +106,7 @@ def carry_out(cell: Cell, each: Statement) -> Cycles:
         case Move():
             yield from go(cell, lambda: way_of(cell, each), each.speed, each.accel)
         case Write(register=register, value=value, whole=True):
-            cell.output_ints[_register(register)] = int(value)
+            cell.output_ints[_register(register)] = max(-(1 << 31), min((1 << 31) - 1, int(value)))
         case Write(register=register, value=value):
             cell.output_doubles[_register(register)] = value
         case SetOutput(bit=bit, on=on):
@@ -210,8 +211,12 @@ class ControlProgram:
         return self._cell.input_ints[self._int + number]
 
     def _d(self, first: int, count: int) -> tuple[float, ...]:
+        """Numbers a controller could reckon with; the program dies of others."""
         start = self._double + first
-        return tuple(self._cell.input_doubles[start : start + count])
+        values = tuple(self._cell.input_doubles[start : start + count])
+        if not all(abs(value) <= LARGEST for value in values):
+            raise ScriptDied(f"registers {start} to {start + count - 1} hold {values}")
+        return values
 
     def _six(self, first: int) -> Six:
         return six(self._d(first, 6))
@@ -255,6 +260,8 @@ class ControlProgram:
 
     def _stop(self, command: int) -> Cycles:
         decel, arm = self._d(0, 1)[0], self._cell.arm
+        if decel <= 0.0:
+            raise ScriptDied(f"a stop needs a deceleration above 0, not {decel:g}")
         if command in (33, 15):
             arm.brake_tool(decel)
         else:

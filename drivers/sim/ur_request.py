@@ -23,7 +23,7 @@ class Request:
         """A line of JSON as a request; `Refused` if it is none."""
         try:
             values: Json = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise Refused(f"not JSON: {error}") from error
         if not isinstance(values, dict):
             raise Refused("not a JSON object")

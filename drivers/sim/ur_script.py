@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 LONGEST_TEXT = 2_000_000
+LARGEST = 1e9
+"""A program with larger numbers is not understood."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _SIX = re.compile(r"(?P<pose>p)?\[(?P<values>[^\]]*)\]")
 _NAMED = re.compile(rf"\b(?P<name>[avrt])\s*=\s*(?P<value>{_NUMBER})")
@@ -204,7 +206,7 @@ def _numbers(arguments: str) -> list[float] | None:
         if not all(re.fullmatch(_NUMBER, term) for term in terms):
             return None
         values.append(sum(map(float, terms)))
-    return values
+    return values if all(abs(value) <= LARGEST for value in values) else None
 
 
 def _move(name: str, arguments: str) -> Move | None:

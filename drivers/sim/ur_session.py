@@ -17,6 +17,7 @@ from drivers.sim.ur_variables import FORMATS, INPUTS, WIDTHS, Masked, Read, Writ
 
 HEADER = struct.Struct(">HB")
 VERSION = 2
+SLOWEST_HZ = 0.01
 FASTEST_HZ = round(1.0 / STEP_S)
 MOST_RECIPES = 255
 
@@ -198,7 +199,7 @@ class Session:
         found = [None if n in self._owners.hidden else output_of(n, self._core.version) for n in names]
         types = ",".join("NOT_FOUND" if each is None else each.type for each in found)
         known = [each for each in found if each is not None]
-        if len(known) < len(found) or not 0.0 < hertz <= FASTEST_HZ:
+        if len(known) < len(found) or not SLOWEST_HZ <= hertz <= FASTEST_HZ:
             return frame(Kind.SETUP_OUTPUTS, b"\x00" + types.encode())
         formats = "".join(FORMATS[each.type] for each in known)
         self._outputs = _Outputs(

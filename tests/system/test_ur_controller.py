@@ -171,7 +171,7 @@ def test_it_picks_a_stick_in_the_simulated_cell() -> None:
         down = np.array([0.0, 0.0, -1.0])
         attitude = rotvec_of(np.column_stack([np.cross(along, down), along, down]))
         below = [*middle, *attitude]
-        above = [*([*middle, 0.0, 0.0, 0.1]), *attitude]
+        above = [*(middle - 0.1 * down), *attitude]
         assert ur.status()["q"] == pytest.approx(cell.ask("state").six("q_rad"))
         found = told("pick", ur, json.dumps(above), json.dumps(below))
         assert found == {"held": [False, True, True], "moved": [True, True, True]}
@@ -180,6 +180,43 @@ def test_it_picks_a_stick_in_the_simulated_cell() -> None:
         cell.fault("protective_stop")
         ur.wait(safety="PROTECTIVE_STOP")
         assert cell.ask("state").text("safety") == "protective_stop"
+
+
+def test_a_lost_cell_is_a_cut_cable_and_a_new_one_is_found() -> None:
+    with sim_cell("--sticks", "1") as cell:
+        port = cell.port
+        with ur_controller("--world-port", str(port)) as ur:
+            ur.wait(world="up")
+            cell.ask("set_input", pin=3, on=True)
+            ur.wait(inputs=1 << 3)
+            cell.process.kill()
+            cell.process.wait(5.0)
+            ur.wait(world="down", inputs=0)
+            assert told("connect", ur) == {"moved": True}  # the arm goes on without a world
+            with sim_cell("--sticks", "1", "--port", str(port)) as new:
+                ur.wait(world="up")
+                ur.wait(inputs=0)
+                q = ur.status()["q"]
+                assert new.ask("state").six("q_rad") == pytest.approx(q, abs=1e-9)
+
+
+def test_a_cell_that_hangs_holds_up_no_cycle_of_the_controller() -> None:
+    with sim_cell("--sticks", "1") as cell, ur_controller("--world-port", str(cell.port)) as ur:
+        ur.wait(world="up")
+        cell.process.send_signal(signal.SIGSTOP)
+        try:
+            before, began_at = ur.status()["time_s"], time.monotonic()
+            assert told("connect", ur) == {"moved": True}
+            passed_s = time.monotonic() - began_at
+            assert ur.status()["time_s"] - before == pytest.approx(passed_s, rel=0.1)
+        finally:
+            cell.process.send_signal(signal.SIGCONT)
+
+
+def test_it_needs_nothing_but_the_standard_library() -> None:
+    look = "import sys, drivers.sim.ur_controller; print({'numpy', 'pydantic'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout == "set()\n"
 
 
 def test_its_arguments_are_checked() -> None:

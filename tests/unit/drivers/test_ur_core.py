@@ -313,6 +313,19 @@ def test_a_safeguard_stop_waits_for_play_unless_told_to_resume(client: Client, c
     assert core.arm.q == AWAY
 
 
+def test_reduced_mode_is_told_and_stops_nothing(client: Client, core: Core) -> None:
+    told = []
+    core.reduce()
+    told.append(core.safety)
+    client.done(1, (*AWAY, 1.0, 2.0))
+    assert core.arm.q == AWAY
+    assert core.release()
+    core.protective_stop("test")
+    core.reduce()  # does not hide a stop
+    told.append(core.safety)
+    assert told == [Safety.REDUCED, Safety.PROTECTIVE_STOP]
+
+
 def test_an_emergency_stop_ends_the_program_and_the_power(client: Client, core: Core) -> None:
     client.done(1, (*AWAY, 1.0, 2.0), asynchronous=True)
     client.seconds(0.3)

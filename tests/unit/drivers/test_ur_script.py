@@ -102,6 +102,7 @@ def test_a_small_program_is_read_line_by_line() -> None:
         ("movej([0,0,0], a=1)", Unknown(line="movej([0,0,0], a=1)")),
         ("movej(get_inverse_kin(p[1,2]), a=1)", Unknown(line="movej(get_inverse_kin(p[1,2]), a=1)")),
         ("x = 3", Unknown(line="x = 3")),
+        ("sleep(1e400)", Unknown(line="sleep(1e400)")),
     ],
 )
 def test_statements(line: str, wanted: Statement) -> None:

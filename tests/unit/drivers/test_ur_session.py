@@ -117,7 +117,7 @@ def test_the_frequency_divides_500_hz(session: Session, hertz: float, every: int
     assert session.every == every
 
 
-@pytest.mark.parametrize("hertz", [0.0, -1.0, 501.0, float("nan")])
+@pytest.mark.parametrize("hertz", [0.0, -1.0, 1e-320, 501.0, float("nan")])
 def test_an_impossible_frequency_is_refused(session: Session, hertz: float) -> None:
     assert outputs(session, "timestamp", hertz=hertz)[0] == 0
 
