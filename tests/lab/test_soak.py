@@ -28,8 +28,8 @@ MOST_FILES = 4
 MOST_PROCESSES = 0
 MOST_MEMORY_MB = 40.0
 """What the daemon may grow between the first sample and the last, however many picks lie between."""
-UNPLANNED = {401, 402, 403}
-"""Faults of a machine that is too busy."""
+UNPLANNED = {401, 402, 403, 421}
+"""Faults of a machine that is too busy: late news, or a worker that came too late for the arm's watchdog."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
