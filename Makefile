@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test check format bench lock clean
+.PHONY: help demo test soak check format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
@@ -25,6 +25,10 @@ demo: $(VENV)/.run  ## the main job on the simulated cell: a tray of 12 sticks i
 
 test: $(VENV)/.dev  ## all tests that need no hardware
 	$(BIN)/pytest -q -n 2 --dist loadfile
+
+PICKS ?= 200
+soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N)
+	$(BIN)/pytest -q -s tests/lab --picks $(PICKS)
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .

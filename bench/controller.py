@@ -47,19 +47,23 @@ class Controller:
         with socket.create_connection((self.host, self.fault_port), timeout=5.0) as connection:
             connection.sendall(b'{"do": "status"}\n')
             status = json.loads(connection.makefile("rb").readline())
-        return float(status[key])
+        return float(status["counts"][key] if key in status["counts"] else status[key])
 
     def processor_s(self) -> float:
         """Time it has had on a core."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
-    def shares(self, over_s: float) -> tuple[float, float]:
-        """Share of a core, and simulated seconds per real one, over a stretch of real time."""
+    def shares(self, over_s: float) -> tuple[float, float, float]:
+        """Share of a core, simulated seconds per real one, and real milliseconds it left out because the
+        machine gave it no core for more than 0.1 s, over a stretch of real time.
+        """
+        skipped_ms = self.number("skipped_ms")
         began_s, began, began_at = self.number("time_s"), self.processor_s(), time.monotonic()
         time.sleep(over_s)
         now_s, passed_s = self.number("time_s"), time.monotonic() - began_at
-        return (self.processor_s() - began) / passed_s, (now_s - began_s) / passed_s
+        share = (self.processor_s() - began) / passed_s
+        return share, (now_s - began_s) / passed_s, self.number("skipped_ms") - skipped_ms
 
 
 @contextmanager
@@ -82,12 +86,12 @@ def higher(pose: list[float], dz: float) -> list[float]:
     return [pose[0], pose[1], pose[2] + dz, *pose[3:]]
 
 
-def costs(ur: Controller) -> Iterator[tuple[str, str, str]]:
+def costs(ur: Controller) -> Iterator[tuple[str, str, str, str]]:
     """Rows of the table of costs: alone, with clients, with clients and a motion."""
 
-    def row(what: str) -> tuple[str, str, str]:
-        share, pace = ur.shares(LOOK_S)
-        return what, tables.percent(share), tables.number(pace, 4)
+    def row(what: str) -> tuple[str, str, str, str]:
+        share, pace, skipped_ms = ur.shares(LOOK_S)
+        return what, tables.percent(share), tables.number(pace, 4), tables.number(skipped_ms, 0)
 
     ur.shares(SETTLE_S)  # past its start
     yield row("nobody connected")
@@ -155,8 +159,9 @@ def main() -> int:
             tables.Sheet(
                 title="The simulated UR controller: what it costs",
                 command=command,
-                headings=("state", "% of a core", "simulated s / s"),
+                headings=("state", "% of a core", "simulated s / s", "left out, ms"),
                 rows=tuple(costs(ur)),
+                notes=("Left out: the machine gave the controller no core for more than 0.1 s.",),
             )
         )
         tables.show(

@@ -129,10 +129,10 @@ class Machine:
                 if left == 0 or not fast:
                     self.streams.step(time.monotonic())
             if owed:
+                self.core.counts["skipped_ms"] = round(1e3 * pacing.skipped_s)
                 self.ports.flush(time.monotonic())
                 if self.link is not None:
                     self.link.step(time.monotonic())
-        self.core.counts["skipped_ms"] = round(1e3 * pacing.skipped_s)
 
 
 def _version(text: str) -> tuple[int, int, int]:
