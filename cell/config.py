@@ -21,6 +21,7 @@ from drivers.settings import (
     RobotSettings,
     Settings,
     Six,
+    UrRobotSettings,
 )
 from vision.types import ColourRange, PartModel, Tuning
 
@@ -269,11 +270,26 @@ class CellConfig(Settings):
                     f"part {part.code} ({part.name}): diameter_m {part.diameter_m} does not fit "
                     f"jaws.opening_m {self.jaws.opening_m}"
                 )
+        if isinstance(self.robot, UrRobotSettings):
+            self._within_tool_box(self.robot)
         reach = 1.75  # no arm of this size class reaches further; catches millimetres
         for corner in (self.workspace.box_min_m, self.workspace.box_max_m):
             if max(abs(v) for v in corner) > reach:
                 raise ValueError(f"workspace: corner {corner} is out of any arm's reach; metres are expected")
         return self
+
+    def _within_tool_box(self, robot: UrRobotSettings) -> None:
+        """The arm would refuse every grasp beyond its tool box."""
+        space = self.workspace
+        for axis, low, high, least, most in zip(
+            "xyz", space.box_min_m, space.box_max_m, robot.tool_box_min_m, robot.tool_box_max_m, strict=True
+        ):
+            top = max(high, space.travel_z_m) if axis == "z" else high
+            if low < least or top > most:
+                raise ValueError(
+                    f"workspace: {low:g} to {top:g} m along {axis} (travel height included) goes beyond "
+                    f"robot.tool_box_min_m and tool_box_max_m ({least:g} to {most:g} m)"
+                )
 
     def part(self, code: int) -> PartConfig | None:
         """The product of a code, None when there is none."""

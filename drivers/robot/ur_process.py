@@ -24,7 +24,7 @@ START_S: Final = 9.0
 """The library gives its program 5 s to start, and the worker 2 s more to see it run."""
 END_S: Final = 1.0
 CONTROL_HZ: Final = 500.0
-_SLICE_S: Final = 0.1
+_SLICE_S: Final = 0.04
 _LINES: Final = 20
 _FILE_LIMIT: Final = 64 * 1024
 _ROOT: Final = Path(__file__).resolve().parents[2]
@@ -215,6 +215,7 @@ class WorkerProcess:
                 raise DeviceTimeout(
                     self._name, f"worker process gave no answer within {within_s:.2f} s; killed"
                 )
+            self.look_after()  # the library may take its time over a motion; the deadline bounds it
             self._clock.wait(self._never, 0.0)  # the wait counts as progress of whoever waits
             if not select.select([self._socket], [], [], min(left_s, _SLICE_S))[0]:
                 continue
