@@ -38,7 +38,7 @@ from drivers.sim.ur_session import Owners
 from drivers.sim.ur_talks import DASHBOARD, PRIMARY, REAL_TIME, RTDE, SECONDARY, Streams, make_ports
 
 ENDING = (signal.SIGTERM, signal.SIGINT)
-LONGEST_CATCH_UP_S = 0.1
+LONGEST_CATCH_UP_S = 1.0
 """After a standstill of the process at most this much real time is made up for; the rest never was."""
 EXCUSED_S = 0.004
 """Longer standstills of this process do not count against its clients: a real controller has none."""
