@@ -228,7 +228,7 @@ def parser() -> argparse.ArgumentParser:
         help="ur: the arm's driver against a simulated controller; sim: the simulated cell's own arm",
     )
     demo.add_argument(
-        "--speed", type=_positive, help="simulated seconds per second, with --driver sim (default: 4)"
+        "--speed", type=_positive, help="simulated seconds per second (default: 1 with ur, 4 with sim)"
     )
     demo.add_argument("--deadline-s", type=_positive, default=240.0)
     return root

@@ -330,7 +330,9 @@ def _grip(station: Station, pick: Pick, order: PickOrder, stop: StopToken) -> Re
     if held is not Grip.HOLDING:
         gripper.release(stop=stop)
         return ResultCode.GRIP_FAILED
-    if gripper.grip() is not Grip.HOLDING:
+    still = gripper.grip()
+    log.info("grip_after_retreat", request_id=order.request_id, grip=still.value)
+    if still is not Grip.HOLDING:
         gripper.release(stop=stop)
         return ResultCode.PART_LOST
     return ResultCode.OK

@@ -129,10 +129,6 @@ def demo(wish: Wish) -> int:
     """
     if wish.sticks < 1:
         raise UsageError(f"--sticks {wish.sticks}: at least one")
-    if wish.driver == "ur" and wish.speed != 1.0:
-        raise UsageError(
-            f"--speed {wish.speed:g}: the arm's driver keeps real time; give --driver sim to run faster"
-        )
     for needed in (wish.config, wish.world, *((wish.arm,) if wish.driver == "ur" else ())):
         if not needed.is_file():
             raise UsageError(f"{needed}: not found; run the demo in the checkout, or give --config")
@@ -179,7 +175,7 @@ def _play(
     if wish.driver == "ur":
         host, controller = _controller(wish, data, children, sim_port)
         watched.append(controller)
-        said = f"simulated UR controller at {host} (RTDE, dashboard), gripper on its outputs"
+        said = f"simulated UR controller at {host} (RTDE, dashboard, pins), time x{wish.speed:g}"
     plc = children.start(
         "plc",
         ["drivers.sim.plc", "--port", "0", "--orders", "until-empty", "--out", str(wish.out / "plc.json")],
@@ -219,7 +215,7 @@ def _controller(wish: Wish, data: dict[str, Json], children: Children, sim_port:
         [
             *("drivers.sim.ur_controller", "--host", host, "--model", str(robot.get("model"))),
             *("--tcp=" + ",".join(str(v) for v in tcp), "--payload", str(robot.get("payload_kg"))),
-            *("--world-port", str(sim_port)),
+            *("--world-port", str(sim_port), "--time-scale", str(wish.speed)),
         ],
     )
     children.first_line(controller)

@@ -6,10 +6,10 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.errors import DeviceTimeout, DeviceUnavailable, StaleData
-from drivers.gripper.robot_io import RobotIoGripper
+from drivers.gripper.robot_io import RobotIoGripper, checks
 from drivers.settings import RobotIoGripperSettings
 from drivers.timing import StopRequested, StopToken
-from drivers.types import Grip
+from drivers.types import Grip, Pins
 from tests.fakes.clock import FakeClock
 from tests.fakes.robot import FakeRobot
 
@@ -173,3 +173,32 @@ def test_an_arm_that_is_not_there_is_noticed_when_the_gripper_is_opened() -> Non
 def test_wiring_that_cannot_work_is_refused(changes: dict[str, object], why: str) -> None:
     with pytest.raises(ValidationError, match=why):
         Rig(**changes)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "inputs", "wrong"),
+    [
+        (0, 1 << IS_OPEN, None),
+        (1 << CLOSE, 1 << HELD, None),
+        (1 << CLOSE, 0, None),
+        (0, 1 << HELD | 1 << IS_OPEN, "confirm input"),
+        (0, 0, "open input"),
+        (1 << CLOSE, 1 << IS_OPEN, "open input"),
+        (1 << CLOSE | 1 << OPEN, 0, "valve"),
+    ],
+)
+def test_a_look_at_the_pins_tells_what_contradicts_itself(
+    outputs: int, inputs: int, wrong: str | None
+) -> None:
+    settings = RobotIoGripperSettings(
+        driver="robot_io",
+        close_output=CLOSE,
+        open_output=OPEN,
+        holding_input=HELD,
+        open_input=IS_OPEN,
+        closing_s=0.4,
+        opening_s=0.3,
+    )
+    lines = checks(settings, Pins(inputs=inputs, outputs=outputs))
+    assert [line.what for line in lines if not line.ok] == ([] if wrong is None else [wrong])
+    assert all(line.do for line in lines if not line.ok)
