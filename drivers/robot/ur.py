@@ -102,6 +102,7 @@ class UrRobot:
         if not runs or not worker.ask(Do.PING, within_s=ASK_S).ok:
             raise CommandRejected(self._name, "the control program was sent but does not run")
         self._check_tool(worker)
+        self._need(worker.ask(Do.ARM, within_s=ASK_S).ok, "the controller's watchdog could not be armed")
         log.info("robot_program_started", device=self._name, controller=str(self._stream.version))
 
     def _check_tool(self, worker: WorkerProcess) -> None:

@@ -17,7 +17,7 @@ from enum import Enum
 from typing import Final
 
 MESSAGE_LIMIT: Final = 16 * 1024
-LEASE_S: Final = 0.15
+LEASE_S: Final = 0.2
 """A motion nobody has looked after for this long is broken off by the worker."""
 
 _AT: Final = struct.Struct("=d")
@@ -30,6 +30,7 @@ class LinkError(Exception):
 class Do(Enum):
     """What the worker may be asked. Values: see `Request`."""
 
+    ARM = "arm"
     MOVE_LINE = "move_line"
     MOVE_JOINTS = "move_joints"
     STOP_LINE = "stop_line"

@@ -30,6 +30,8 @@ from drivers.robot.ur_link import MESSAGE_LIMIT, Do, Lease, LinkError, Reply, Re
 
 KICK_S: Final = 0.02
 WATCHDOG_HZ: Final = 10.0
+LATE_S: Final = 0.06
+"""A kick this late is worth a line: at 0.1 s the controller stops the program."""
 STEADY_S: Final = 2.0
 """How long the program may take to run, once the library says it has been sent."""
 _START_GUARD_S: Final = 15.0
@@ -92,7 +94,9 @@ class Worker:
         self._line = True
         self._moves = False
         self._runs = True
+        self._armed = False
         self._kicked_at = float("-inf")
+        self._busy, self._busy_s = "nothing", 0.0
 
     def run(self) -> NoReturn:
         """Until asked to end, the driver is gone, or the library fails."""
@@ -119,10 +123,13 @@ class Worker:
             with suppress(RuntimeError):
                 self._control.stopScript()
             leave(Exit.ASKED)
+        began_at = time.monotonic()
+        self._busy = request.do.value
         try:
             reply = self._carry_out(request)
         except (RuntimeError, ValueError, TypeError) as error:
             reply = Reply(number=request.number, ok=False, detail=f"{type(error).__name__}: {error}")
+        self._busy_s = time.monotonic() - began_at
         answer(self._driver, reply)
 
     def _carry_out(self, request: Request) -> Reply:
@@ -130,7 +137,12 @@ class Worker:
         values = list(request.values)
         ok = True
         told: tuple[float, ...] = ()
+        if request.do in (Do.MOVE_LINE, Do.MOVE_JOINTS) and not self._armed:
+            return Reply(number=request.number, ok=False, detail="nothing moves before the watchdog is armed")
         match request.do:
+            case Do.ARM:
+                # last of all: what comes before it moves nothing, and each command takes its time
+                ok = self._armed = self._control.setWatchdog(WATCHDOG_HZ)
             case Do.MOVE_LINE:
                 self._line = self._moves = True
                 ok = self._control.moveL(values[:6], values[6], values[7], True)
@@ -165,6 +177,9 @@ class Worker:
     def _look_after(self) -> None:
         """Kick the watchdog; not for a motion that nobody looks after."""
         now = time.monotonic()
+        late_s = now - self._kicked_at
+        if LATE_S < late_s < float("inf"):
+            say(f"watchdog kicked {late_s:.3f} s after the last time; {self._busy} took {self._busy_s:.3f} s")
         if self._moves and not self._lease.fresh(now):
             self._leave(Exit.LEASE_OVER, "nobody looks after the motion")
         if now - self._kicked_at < KICK_S:
@@ -218,7 +233,7 @@ def leave(code: Exit) -> NoReturn:
 
 
 def connect(host: str, frequency: float, flags: int) -> Control:
-    """The library's object, its program running, its watchdog armed.
+    """The library's object, its program running.
 
     Raises
     ------
@@ -235,8 +250,6 @@ def connect(host: str, frequency: float, flags: int) -> Control:
         if time.monotonic() > until:
             raise RuntimeError("the control program was sent but does not run")
         time.sleep(0.01)
-    if not control.setWatchdog(WATCHDOG_HZ):
-        raise RuntimeError("the controller's watchdog could not be armed")
     return control
 
 

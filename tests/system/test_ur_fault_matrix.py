@@ -177,9 +177,11 @@ def robot(controller: UrController) -> Iterator[UrRobot]:
     controller.mend()
     made = UrRobot("robot", controller.settings(), CLOCK)
     made.open()
-    made.move_joints(HOME, QUICK, StopToken(CLOCK))
-    yield made
-    made.close()
+    try:
+        made.move_joints(HOME, QUICK, StopToken(CLOCK))
+        yield made
+    finally:
+        made.close()
 
 
 class _Arm(threading.Thread):

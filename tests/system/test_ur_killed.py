@@ -1,4 +1,4 @@
-"""The driver's process dies or freezes in the middle of a motion: the arm stands within 0.3 s, by itself."""
+"""The driver's process dies or freezes in the middle of a motion: the arm soon stands, by itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from drivers.types import JointAngles, JointMotion
 from tests.fakes.ur_controller import ROOT, START_Q, UrController, ur_controller
 
 CLOCK = MonotonicClock()
-STANDS_S = 0.3
+STANDS_S = {signal.SIGKILL: 0.3, signal.SIGSTOP: 0.4}
+"""A frozen driver is noticed by its lease, which is 0.2 s long."""
 DRIVER = """
 import sys
 from drivers.robot.ur import UrRobot
@@ -71,7 +72,7 @@ def test_the_arm_stands_when_its_driver_is_gone(controller: UrController, end: s
                 time.sleep(0.004)
             stood_s = time.monotonic() - began_at
             started = controller.number("moves_started")
-            assert stood_s < STANDS_S
+            assert stood_s < STANDS_S[end]
             # the worker ends by itself, with nobody left to end it
             assert _gone(worker, 2.0) or _is_zombie(worker)
         finally:

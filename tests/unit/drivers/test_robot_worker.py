@@ -13,7 +13,7 @@ import pytest
 
 from drivers.robot import ur_worker
 from drivers.robot.ur_link import Do, Lease, LinkError, Reply, Request, reply_of, request_of
-from drivers.robot.ur_worker import DECELERATION_M_S2, Exit, Worker
+from drivers.robot.ur_worker import DECELERATION_M_S2, WATCHDOG_HZ, Exit, Worker
 
 TARGET = (0.1, 0.2, 0.3, 3.1, 0.0, 0.0)
 
@@ -102,6 +102,13 @@ class Rig:
         self.thread = threading.Thread(target=self._run)
         self.number = 0
 
+    def armed(self) -> Library:
+        assert self.ask(Do.ARM).ok
+        assert self.library.calls == [("setWatchdog", WATCHDOG_HZ)]
+        self.library.calls.clear()
+        self.lease.renew(time.monotonic())
+        return self.library
+
     def _run(self) -> None:
         try:
             self.worker.run()
@@ -139,10 +146,18 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
 
 
 def test_motions_are_started_asynchronously_and_nothing_else(rig: Rig) -> None:
-    rig.lease.renew(time.monotonic())
+    rig.armed()
     assert rig.ask(Do.MOVE_LINE, *TARGET, 0.25, 1.2).ok
     assert rig.ask(Do.MOVE_JOINTS, *TARGET, 1.0, 1.4).ok
     assert rig.library.calls == [("moveL", TARGET, 0.25, 1.2, True), ("moveJ", TARGET, 1.0, 1.4, True)]
+
+
+def test_nothing_moves_before_the_watchdog_is_armed(rig: Rig) -> None:
+    rig.library.answers = {"setWatchdog": False}
+    assert not rig.ask(Do.ARM).ok
+    for do in (Do.MOVE_LINE, Do.MOVE_JOINTS):
+        assert not rig.ask(do, *TARGET, 0.25, 1.2).ok
+    assert rig.library.calls == [("setWatchdog", WATCHDOG_HZ)]
 
 
 def test_a_false_and_an_exception_are_both_a_no(rig: Rig) -> None:
@@ -168,14 +183,14 @@ def test_at_rest_the_watchdog_is_kicked_without_a_lease(rig: Rig) -> None:
 
 
 def test_a_motion_nobody_looks_after_is_stopped_and_the_worker_ends(rig: Rig) -> None:
-    rig.lease.renew(time.monotonic())
+    rig.armed()
     rig.ask(Do.MOVE_LINE, *TARGET, 0.25, 1.2)
     assert rig.ended() is Exit.LEASE_OVER
     assert rig.library.calls[-1] == ("stopL", DECELERATION_M_S2, True)
 
 
 def test_a_driver_that_is_gone_costs_the_motion(rig: Rig) -> None:
-    rig.lease.renew(time.monotonic())
+    rig.armed()
     rig.ask(Do.MOVE_JOINTS, *TARGET, 0.25, 1.2)
     rig.ours.close()
     assert rig.ended() is Exit.DRIVER_GONE
@@ -183,7 +198,7 @@ def test_a_driver_that_is_gone_costs_the_motion(rig: Rig) -> None:
 
 
 def test_a_driver_that_is_gone_while_the_arm_rests_stops_nothing(rig: Rig) -> None:
-    rig.lease.renew(time.monotonic())
+    rig.armed()
     rig.ask(Do.MOVE_LINE, *TARGET, 0.25, 1.2)
     rig.ask(Do.RESTS)
     rig.ours.close()
