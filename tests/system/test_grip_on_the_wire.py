@@ -1,5 +1,5 @@
-"""A part in the hand or not, from the sensor to the PLC: arm over RTDE, grippers on its outputs and on Robotiq's
-socket, and a simulated cell in which the part really is held, missed or lost."""
+"""A part in the hand or not, from the sensor to the PLC: arm over RTDE, grippers on its outputs and on
+Robotiq's socket, and a simulated cell in which the part really is held, missed or lost."""
 
 from __future__ import annotations
 
