@@ -160,7 +160,8 @@ def test_many_picks_and_stops_leave_nothing_behind(tmp_path: Path, picks: int) -
         unplanned = sum(faults[code] for code in UNPLANNED)
         first = samples[min(max(2, int(SETTLED * picks)), len(samples) - 2)]
         last = samples[-1]
-        told(picks, took_s, stops, codes, faults, first, last, running)
+        between = [samples[len(samples) * k // 4] for k in (1, 2, 3)]
+        told(picks, took_s, stops, codes, faults, [first, *between, last], running)
         assert set(faults) <= {411, *UNPLANNED}
         assert faults[411] >= 1
         assert unplanned <= max(3, picks // 5)
@@ -179,15 +180,14 @@ def told(
     stops: int,
     codes: Counter[ResultCode],
     faults: Counter[int],
-    first: Sample,
-    last: Sample,
+    shown: list[Sample],
     running: Daemon,
 ) -> None:
     """The figures, for who runs it with ``-s``."""
     print(f"\n{picks} parts delivered in {took_s:.0f} s, {stops} protective stops, daemon {running.pid}")
     print("results:", ", ".join(f"{code.name} {n}" for code, n in codes.most_common()))
     print("faults:", ", ".join(f"{code} x{n}" for code, n in faults.most_common()) or "none")
-    for one in (first, last):
+    for one in shown:
         print(
             f"after {one.delivered:4} parts: {one.files} files, {one.processes} processes, "
             f"{one.threads} threads, {one.memory_mb:.0f} MB"
