@@ -4,7 +4,7 @@ Robotiq's socket, and a simulated cell in which the part really is held, missed 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +68,25 @@ def cell(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         assert running.terminate()[0] == 0
 
 
+BUSY = {401, 402, 403, 421}
+"""Faults of a machine that is too busy for real time: reset, and ordered again."""
+
+
+def _picked(cell: Cell, attempts: int) -> ResultCode:
+    """The result of one order, the machine permitting."""
+    for _ in range(6):
+        for _ in range(6):
+            if cell.plc.status.ready:
+                break
+            cell.plc.reset()
+            with suppress(AssertionError):
+                cell.plc.wait(lambda s: s.ready, "ready", 12.0)
+        got = cell.plc.result(cell.plc.order(attempts=attempts), within_s=90.0)
+        if cell.plc.status.fault_code not in BUSY:
+            return ResultCode(got.result_code)
+    raise AssertionError("the machine is too busy for a pick")
+
+
 def _in_box(cell: Cell) -> int:
     return cell.world.count("in_box")
 
@@ -78,8 +97,7 @@ def _told(cell: Cell, event: str) -> list[Json]:
 
 def test_a_part_is_held_on_both_looks_and_lies_in_the_box(cell: Cell) -> None:
     before = _in_box(cell)
-    got = cell.plc.result(cell.plc.order(attempts=1), within_s=60.0)
-    assert ResultCode(got.result_code) is ResultCode.OK
+    assert _picked(cell, attempts=1) is ResultCode.OK
     assert _in_box(cell) == before + 1
     assert _told(cell, "grip_closed")[-1] == "holding"
     assert _told(cell, "grip_after_retreat")[-1] == "holding"
@@ -96,15 +114,11 @@ def test_a_part_that_is_not_there_is_not_reported_as_picked(
     cell: Cell, upset: str, code: ResultCode, closed: str
 ) -> None:
     before = _in_box(cell)
-    cell.plc.wait(lambda s: s.ready, "ready")
     cell.world.fault(upset)
-    got = cell.plc.result(cell.plc.order(attempts=1), within_s=60.0)
-    assert ResultCode(got.result_code) is code
+    assert _picked(cell, attempts=1) is code
     assert _told(cell, "grip_closed")[-1] == closed
     assert _in_box(cell) == before
-    assert got.part_in_gripper is False
+    assert cell.plc.status.part_in_gripper is False
     # nothing is broken by it: the next order picks
-    cell.plc.wait(lambda s: s.ready, "ready")
-    again = cell.plc.result(cell.plc.order(attempts=3), within_s=90.0)
-    assert ResultCode(again.result_code) is ResultCode.OK
+    assert _picked(cell, attempts=3) is ResultCode.OK
     assert _in_box(cell) == before + 1
