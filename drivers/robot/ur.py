@@ -353,6 +353,7 @@ class UrRobot:
         """No motion may go on from here: the worker dies, and the program with it."""
         self._doubt(why)
         self._stop_at_panel()
+        self._see(REST_S, _stands)
 
     def _stop_at_panel(self) -> bool:
         try:

@@ -36,6 +36,7 @@ STEADY_S: Final = 2.0
 """How long the program may take to run, once the library says it has been sent."""
 _START_GUARD_S: Final = 15.0
 _GUARD_S: Final = 6.0
+_REAL_TIME: Final = 1
 _NICE: Final = -10
 
 
@@ -210,6 +211,15 @@ DECELERATION_RAD_S2: Final = 8.0
 """With which the worker stops the arm when it acts alone."""
 
 
+def before_others() -> None:
+    """Run before what is not urgent, as far as this process may: a watchdog kicked late stops the arm."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_REAL_TIME))
+    except OSError:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, _NICE)
+
+
 def guard(seconds: float) -> None:
     """The kernel ends this process unless `guard` is called again in time, whoever holds the interpreter."""
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -259,10 +269,7 @@ def main(arguments: Sequence[str]) -> NoReturn:
     faulthandler.enable()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the driver ends this process, after the arm stands
-    with suppress(OSError):
-        os.setpriority(
-            os.PRIO_PROCESS, 0, _NICE
-        )  # a late kick stops the arm; without the right it stays as is
+    before_others()
     driver = socket.socket(fileno=int(driver_file))
     guard(_START_GUARD_S)
     try:

@@ -42,8 +42,8 @@ LONGEST_CATCH_UP_S = 1.0
 """After a standstill of the process at most this much real time is made up for; the rest never was."""
 EXCUSED_S = 0.004
 """Longer standstills of this process do not count against its clients: a real controller has none."""
-PRIORITY = -10
-"""A real controller has a real-time system; on a busy machine this one gets what it may have."""
+PRIORITY = 2
+"""Of real time, where it may be had: a real controller has it. Above the driver's worker, which waits."""
 FAULT = "fault"
 WORLD_MODEL = "UR5e"
 
@@ -212,7 +212,7 @@ def main(argv: Sequence[str]) -> int:
         time_scale=options.time_scale,
     )
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
     ending = _ending_signals()
     for number in (DASHBOARD, PRIMARY, SECONDARY, REAL_TIME, RTDE, options.fault_port):
         refused = arguments.refusal(options.host, number)
