@@ -23,6 +23,8 @@ CONNECT_S: Final = 1.0
 RATE_HZ: Final = 125.0
 STALE_S: Final = 0.25
 """News older than this is none."""
+GRACE_S: Final = 0.03
+"""For the thread to read what has come, where the whole process was held up."""
 OUTPUT_S: Final = 0.3
 """How long an output may take to follow."""
 _READ_S: Final = 0.05
@@ -196,6 +198,7 @@ class UrStream:
         self._connection: Connection | None = None
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
+        self._never = threading.Event()
         self._recipe: Recipe | None = None
         self._outputs: dict[str, Recipe] = {}
         self._ageing = Ageing()
@@ -306,7 +309,7 @@ class UrStream:
     # ------------------------------------------------------------------ for the arm
 
     def latest(self) -> Snapshot:
-        """The newest frame. Does not wait.
+        """The newest frame. Waits `GRACE_S` at most, and only where it is old.
 
         Raises
         ------
@@ -315,9 +318,15 @@ class UrStream:
         StaleData
             It is older than `STALE_S`.
         """
-        with self._lock:
-            snapshot, lost = self._newest, self._lost
-            age_s = self._ageing.age_s(self._clock.now())
+        until = self._clock.now() + GRACE_S
+        while True:
+            with self._lock:
+                snapshot, lost = self._newest, self._lost
+                age_s = self._ageing.age_s(self._clock.now())
+            if age_s <= STALE_S or lost is not None or self._clock.now() >= until:
+                break
+            # this process may have been held up as a whole: what came meanwhile is not read yet
+            self._clock.wait(self._never, _POLL_S)
         if self._connection is None or snapshot is None:
             raise DeviceUnavailable(self._name, "not open")
         if lost is not None:
