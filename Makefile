@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test check format bench lock clean
+.PHONY: help demo test soak check format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
@@ -26,6 +26,10 @@ demo: $(VENV)/.run  ## the main job on the simulated cell: a tray of 12 sticks i
 test: $(VENV)/.dev  ## all tests that need no hardware
 	$(BIN)/pytest -q -n 2 --dist loadfile
 
+PICKS ?= 200
+soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N)
+	$(BIN)/pytest -q -s tests/lab --picks $(PICKS)
+
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -43,15 +47,18 @@ $(VENV)/.bench: $(VENV)/.run requirements/bench.lock
 bench: $(VENV)/.bench  ## accuracy, peers, robustness, speed into docs/benchmarks.md, about five minutes (SCENES=FOLDER BENCH="--effort long")
 	$(BIN)/python -m bench.report --out docs/benchmarks.md $(if $(SCENES),--scenes "$(SCENES)") $(BENCH)
 
+# built from source, these need a compiler and files from the network
+WHEELS := --only-binary ur-rtde --only-binary ur-analytic-ik --emit-build-options
+
 # needs `uv` on the path; everybody else installs from the locks as they are
 lock:  ## make requirements/*.lock anew from pyproject.toml
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in -o requirements/run.lock
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in -o requirements/run.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group dev \
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in --group dev \
 	  -c requirements/run.lock -o requirements/dev.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --no-emit-find-links --no-header pyproject.toml requirements/build.in --group bench \
+	  --no-emit-find-links --no-header $(WHEELS) pyproject.toml requirements/build.in --group bench \
 	  -c requirements/run.lock -o requirements/bench.lock
 
 clean:  ## remove what the commands above made

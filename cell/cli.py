@@ -67,6 +67,10 @@ def _run(arguments: argparse.Namespace) -> int:
         return daemon.run(arguments.config)
     if command == "check":
         return _check(arguments.config)
+    if command == "doctor":
+        from cell.commission.doctor import doctor
+
+        return doctor(arguments.config, Console(soft_wrap=True, highlight=False))
     if command == "look":
         return _look(arguments)
     if command == "evaluate":
@@ -76,15 +80,19 @@ def _run(arguments: argparse.Namespace) -> int:
         evaluate(arguments.scenes, arguments.out, arguments.method, only, among)
         return 0
     if command == "demo":
-        from cell.demo import demo
+        from cell.demo import Wish, demo
 
+        ur = arguments.driver == "ur"
         return demo(
-            arguments.config,
-            arguments.out,
-            sticks=arguments.sticks,
-            seed=arguments.seed,
-            speed=arguments.speed,
-            deadline_s=arguments.deadline_s,
+            Wish(
+                config=arguments.config,
+                out=arguments.out,
+                driver=arguments.driver,
+                sticks=arguments.sticks,
+                seed=arguments.seed,
+                speed=arguments.speed or (1.0 if ur else 4.0),
+                deadline_s=arguments.deadline_s,
+            )
         )
     raise AssertionError(command)
 
@@ -179,6 +187,11 @@ def parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="check a configuration and its calibration; opens no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
 
+    doctor = commands.add_parser(
+        "doctor", help="look at configuration, arm and gripper before the cell runs; moves nothing"
+    )
+    doctor.add_argument("config", type=Path, metavar="CONFIG")
+
     look = commands.add_parser("look", help="one look without motion: overlay PNG and JSON")
     look.add_argument("--left", type=Path, metavar="PICTURE")
     look.add_argument("--right", type=Path, metavar="PICTURE")
@@ -224,7 +237,15 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, default=Path("demo-out"), metavar="DIR")
     demo.add_argument("--sticks", type=int, default=12)
     demo.add_argument("--seed", type=int, default=4)
-    demo.add_argument("--speed", type=_positive, default=4.0, help="simulated seconds per second")
+    demo.add_argument(
+        "--driver",
+        choices=("ur", "sim"),
+        default="ur",
+        help="ur: the arm's driver against a simulated controller; sim: the simulated cell's own arm",
+    )
+    demo.add_argument(
+        "--speed", type=_positive, help="simulated seconds per second (default: 1 with ur, 4 with sim)"
+    )
     demo.add_argument("--deadline-s", type=_positive, default=240.0)
     return root
 

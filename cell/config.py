@@ -22,6 +22,7 @@ from drivers.settings import (
     RobotSettings,
     Settings,
     Six,
+    UrRobotSettings,
 )
 from vision.types import ColourRange, PartModel, Tuning
 
@@ -314,6 +315,8 @@ class CellConfig(Settings):
                     f"jaws.opening_m {self.jaws.opening_m}"
                 )
         self._tell_heaps_apart()
+        if isinstance(self.robot, UrRobotSettings):
+            self._within_tool_box(self.robot)
         reach = 1.75  # no arm of this size class reaches further; catches millimetres
         for corner in (self.workspace.box_min_m, self.workspace.box_max_m):
             if max(abs(v) for v in corner) > reach:
@@ -345,6 +348,19 @@ class CellConfig(Settings):
                         "told apart: their lengths differ by no more than both length_tolerance_m, neither "
                         f"is {TOLD_BY_WIDTH:g} times as thick, and their colours are not given or overlap"
                     )
+
+    def _within_tool_box(self, robot: UrRobotSettings) -> None:
+        """The arm would refuse every grasp beyond its tool box."""
+        space = self.workspace
+        for axis, low, high, least, most in zip(
+            "xyz", space.box_min_m, space.box_max_m, robot.tool_box_min_m, robot.tool_box_max_m, strict=True
+        ):
+            top = max(high, space.travel_z_m) if axis == "z" else high
+            if low < least or top > most:
+                raise ValueError(
+                    f"workspace: {low:g} to {top:g} m along {axis} (travel height included) goes beyond "
+                    f"robot.tool_box_min_m and tool_box_max_m ({least:g} to {most:g} m)"
+                )
 
     def part(self, code: int) -> PartConfig | None:
         """The product of a code, None when there is none."""

@@ -14,6 +14,7 @@ from cell.finding import Finding, confirmed
 from cell.logs import logger
 from cell.pictures import require_colour
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
+from cell.reaching import reach_of
 from cell.results import nothing_to_pick, plain, report
 from cell.station import Look, Stage, Station
 from cell.stopwatch import StageTimes
@@ -222,6 +223,7 @@ def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
         sight.part.diameter_m,
         sight.tool,
         station.missed,
+        reach_of(station.kinematics, station.robot.state().joints),
         sight.part.code,
         max(part.diameter_m for part in (sight.part, *sight.among)),
     )
@@ -338,7 +340,9 @@ def _grip(station: Station, pick: Pick, order: PickOrder, stop: StopToken) -> Re
     if held is not Grip.HOLDING:
         gripper.release(stop=stop)
         return ResultCode.GRIP_FAILED
-    if gripper.grip() is not Grip.HOLDING:
+    still = gripper.grip()
+    log.info("grip_after_retreat", request_id=order.request_id, grip=still.value)
+    if still is not Grip.HOLDING:
         gripper.release(stop=stop)
         return ResultCode.PART_LOST
     return ResultCode.OK

@@ -1,8 +1,9 @@
-"""The demo: daemon, simulated cell and simulated PLC as three processes; the PLC empties the tray.
+"""The demo: daemon, simulated cell, simulated UR controller and simulated PLC, a process each; the PLC
+empties the tray.
 
-Nothing is simulated in here. The daemon is the one of `mikado run`; the PLC orders over Modbus TCP. The
-verdict does not rest on the daemon's word: the simulated cell counts what lies in its box, the PLC checks
-every handshake.
+Nothing is simulated in here. The daemon is the one of `mikado run`; the PLC orders over Modbus TCP, the arm
+is driven over RTDE. The verdict does not rest on the daemon's word: the simulated cell counts what lies in
+its box, the PLC checks every handshake.
 """
 
 from __future__ import annotations
@@ -11,75 +12,27 @@ import json
 import os
 import selectors
 import signal
-import subprocess
-import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import IO, Final, TypeAlias
+from typing import Final, Literal
 
 import yaml
 from rich.console import Console
 
+from cell.demo_children import END_S, Child, Children, Json, Line, free_loopback
 from cell.errors import ConfigError, UsageError
 from drivers.timing import MonotonicClock
 from vision.default import warm_up
 
-Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
-Line: TypeAlias = dict[str, "Json"]
-
-_START_S: Final = 30.0
-_END_S: Final = 6.0
 _MADE: Final = ("cell.yaml", "demo.sqlite", "demo.sqlite-wal", "demo.sqlite-shm", "plc.json", "summary.json")
-_LOGS: Final = ("daemon.log", "plc.log", "sim.log")
-
-
-@dataclass(slots=True)
-class _Child:
-    """A process whose standard output is JSON lines, kept whole in a log file."""
-
-    name: str
-    process: subprocess.Popen[bytes]
-    log: IO[bytes]
-    rest: bytes = b""
-    over: bool = False
-
-    def read(self) -> list[Line]:
-        """The lines that have come; what is not JSON is only kept in the log."""
-        assert self.process.stdout is not None
-        data = os.read(self.process.stdout.fileno(), 65536)
-        if not data:
-            self.over = True
-        self.log.write(data)
-        self.log.flush()
-        *whole, self.rest = (self.rest + data).split(b"\n")
-        lines: list[Line] = []
-        for text in whole:
-            try:
-                line = json.loads(text)
-            except ValueError:
-                continue
-            if isinstance(line, dict):
-                lines.append(line)
-        return lines
-
-    def end(self, timeout_s: float) -> int | None:
-        """SIGTERM and wait; None when it had to be killed."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-        try:
-            self.process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-            return None
-        return self.process.returncode
+_LOGS: Final = ("daemon.log", "plc.log", "sim.log", "ur.log")
 
 
 @dataclass(slots=True)
 class _Story:
-    """What the three processes told, for the terminal and the summary."""
+    """What the processes told, for the terminal and the summary."""
 
     console: Console
     sticks: int
@@ -142,33 +95,55 @@ def _s(seconds: Json) -> str:
     return f"{seconds:.2f} s" if isinstance(seconds, int | float) else "?"
 
 
-def demo(config: Path, out: Path, *, sticks: int, seed: int, speed: float, deadline_s: float) -> int:
-    """Run the demo into ``out``; 0 only if every stick was picked and every handshake closed.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wish:
+    """What is to be run. ``driver``: ur runs the production driver against a simulated controller on the
+    wire, sim the simulated cell's own arm. ``speed`` simulated seconds per second."""
+
+    config: Path
+    out: Path
+    driver: Literal["ur", "sim"]
+    sticks: int
+    seed: int
+    speed: float
+    deadline_s: float
+
+    @property
+    def world(self) -> Path:
+        """The simulated cell's file, beside the configuration."""
+        return self.config.parent / "world.yaml"
+
+    @property
+    def arm(self) -> Path:
+        """The sections of a UR arm and of a gripper wired to it, beside the configuration."""
+        return self.config.parent / "ur.yaml"
+
+
+def demo(wish: Wish) -> int:
+    """Run the demo; 0 only if every stick was picked and every handshake closed.
 
     Raises
     ------
     UsageError, ConfigError
         Nothing to run with, nowhere to write, or a process that does not start.
     """
-    if sticks < 1:
-        raise UsageError(f"--sticks {sticks}: at least one")
-    world = config.parent / "world.yaml"
-    for needed in (config, world):
+    if wish.sticks < 1:
+        raise UsageError(f"--sticks {wish.sticks}: at least one")
+    for needed in (wish.config, wish.world, *((wish.arm,) if wish.driver == "ur" else ())):
         if not needed.is_file():
             raise UsageError(f"{needed}: not found; run the demo in the checkout, or give --config")
-    _clear(out)
+    _clear(wish.out)
     console = Console(highlight=False, soft_wrap=True)
     console.print("Compiling the detector: a minute or two on a new machine, a second later on.")
     # here and not while the PLC waits for the cell to be ready
     warm_up()
-    children: list[_Child] = []
+    clock = MonotonicClock()
     asked = _asked_to_end()
+    children = Children(wish.out, clock, asked)
     try:
-        return _play(config, world, out, console, children, asked, sticks, seed, speed, deadline_s)
+        return _play(wish, console, children, asked, clock)
     finally:
-        for child in reversed(children):
-            child.end(_END_S)
-            child.log.close()
+        children.end()
 
 
 def _asked_to_end() -> threading.Event:
@@ -184,50 +159,67 @@ def _asked_to_end() -> threading.Event:
 
 
 def _play(
-    config: Path,
-    world: Path,
-    out: Path,
-    console: Console,
-    children: list[_Child],
-    asked: threading.Event,
-    sticks: int,
-    seed: int,
-    speed: float,
-    deadline_s: float,
+    wish: Wish, console: Console, children: Children, asked: threading.Event, clock: MonotonicClock
 ) -> int:
-    clock = MonotonicClock()
-    sim = _start(
+    sim = children.start(
         "sim",
-        out,
-        children,
         [
-            *("drivers.sim.cell", "--world", str(world), "--port", "0"),
-            *("--speed", str(speed), "--seed", str(seed), "--sticks", str(sticks)),
+            *("drivers.sim.cell", "--world", str(wish.world), "--port", "0"),
+            *("--speed", str(wish.speed), "--seed", str(wish.seed), "--sticks", str(wish.sticks)),
         ],
     )
-    sim_port = _port(sim, clock, asked)
-    plc = _start(
+    sim_port = children.port(sim)
+    data = _settings(wish.config)
+    said = f"arm and gripper by driver: sim, time x{wish.speed:g}"
+    watched = [sim]
+    if wish.driver == "ur":
+        host, controller = _controller(wish, data, children, sim_port)
+        watched.append(controller)
+        said = f"simulated UR controller at {host} (RTDE, dashboard, pins), time x{wish.speed:g}"
+    plc = children.start(
         "plc",
-        out,
-        children,
-        ["drivers.sim.plc", "--port", "0", "--orders", "until-empty", "--out", str(out / "plc.json")],
+        ["drivers.sim.plc", "--port", "0", "--orders", "until-empty", "--out", str(wish.out / "plc.json")],
     )
-    plc_port = _port(plc, clock, asked)
-    own = _own_config(config, out, sim_port, plc_port)
+    plc_port = children.port(plc)
+    own = _own_config(wish, data, sim_port, plc_port)
     console.print(
-        f"simulated cell on port {sim_port} ({sticks} sticks, seed {seed}, time x{speed:g}), "
+        f"simulated cell on port {sim_port} ({wish.sticks} sticks, seed {wish.seed}), {said}, "
         f"simulated PLC on port {plc_port} (Modbus TCP), daemon: mikado run {own}"
     )
     began_at = clock.now()
-    daemon = _start("daemon", out, children, ["cell", "run", str(own), "--json"], merge=True)
-    story = _Story(console=console, sticks=sticks)
-    failed = _follow(story, daemon, plc, sim, clock, asked, began_at + deadline_s)
+    daemon = children.start("daemon", ["cell", "run", str(own), "--json"], merge=True)
+    story = _Story(console=console, sticks=wish.sticks)
+    failed = _follow(story, daemon, plc, watched, clock, asked, began_at + wish.deadline_s)
     if failed is not None:
-        console.print(f"[red]{failed}[/red]; see {out}/*.log")
-    daemon_code = daemon.end(_END_S)
-    plc_code = plc.end(_END_S)
-    truth = _truth(sim)
-    return _verdict(story, out, failed, daemon_code, plc_code, truth, clock.now() - began_at)
+        console.print(f"[red]{failed}[/red]; see {wish.out}/*.log")
+    daemon_code = daemon.end(END_S)
+    plc_code = plc.end(END_S)
+    told = [_last_words(child) for child in watched[1:]]  # before its world ends
+    truth = _last_words(sim)
+    arm = told[0] if told else None
+    return _verdict(story, wish, failed, daemon_code, plc_code, truth, arm, clock.now() - began_at)
+
+
+def _controller(wish: Wish, data: dict[str, Json], children: Children, sim_port: int) -> tuple[str, Child]:
+    """Start a UR controller whose arm is the simulated cell's, and configure its driver."""
+    arm = _settings(wish.arm)
+    robot, gripper = arm.get("robot"), arm.get("gripper")
+    tcp = robot.get("tcp_m_rad") if isinstance(robot, dict) else None
+    if not isinstance(robot, dict) or not isinstance(gripper, dict) or not isinstance(tcp, list):
+        raise ConfigError(wish.arm, None, "sections robot (with tcp_m_rad) and gripper are needed")
+    host = free_loopback()
+    robot["host"] = host
+    data["robot"], data["gripper"], data["allow_mixed"] = robot, gripper, True
+    controller = children.start(
+        "ur",
+        [
+            *("drivers.sim.ur_controller", "--host", host, "--model", str(robot.get("model"))),
+            *("--tcp=" + ",".join(str(v) for v in tcp), "--payload", str(robot.get("payload_kg"))),
+            *("--world-port", str(sim_port), "--time-scale", str(wish.speed)),
+        ],
+    )
+    children.first_line(controller)
+    return host, controller
 
 
 def _clear(out: Path) -> None:
@@ -242,72 +234,65 @@ def _clear(out: Path) -> None:
         raise UsageError(f"{out}: cannot be written: {error.strerror}") from error
 
 
-def _start(name: str, out: Path, children: list[_Child], module: list[str], *, merge: bool = False) -> _Child:
-    log = (out / f"{name}.log").open("wb")
-    process = subprocess.Popen(
-        [sys.executable, "-m", *module],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT if merge else log,
-    )
-    child = _Child(name=name, process=process, log=log)
-    children.append(child)
-    return child
-
-
-def _port(child: _Child, clock: MonotonicClock, asked: threading.Event) -> int:
-    """The port a simulated device says it listens on."""
-    until = clock.now() + _START_S
-    with selectors.DefaultSelector() as selector:
-        assert child.process.stdout is not None
-        selector.register(child.process.stdout, selectors.EVENT_READ)
-        while clock.now() < until and not child.over and not asked.is_set():
-            if selector.select(0.2):
-                for line in child.read():
-                    port = line.get("port")
-                    if line.get("event") == "listening" and isinstance(port, int):
-                        return port
-    if asked.is_set():
-        raise UsageError("asked to end before the demo had begun")
-    raise UsageError(f"the {child.name} process did not start; see {child.log.name}")
-
-
-def _own_config(config: Path, out: Path, sim_port: int, plc_port: int) -> Path:
-    """The demo's configuration with the ports in it, beside its output."""
+def _settings(path: Path) -> dict[str, Json]:
     try:
-        data = yaml.safe_load(config.read_text(encoding="utf-8"))
-        for section in (data["cameras"]["left"], data["cameras"]["right"], data["robot"], data["gripper"]):
-            section["port"] = sim_port
-        data["plc"]["port"] = plc_port
-        calibration = config.parent / data["files"]["calibration"]
-        data["files"]["calibration"] = os.path.relpath(calibration, out)
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise ConfigError(config, None, f"not a configuration of a simulated cell: {error!r}") from error
-    own = out / "cell.yaml"
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigError(path, None, f"cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigError(path, None, "not a YAML mapping")
+    return data
+
+
+def _own_config(wish: Wish, data: dict[str, Json], sim_port: int, plc_port: int) -> Path:
+    """The demo's configuration with the addresses of this run in it, beside its output."""
+    try:
+        cameras, files = _section(data, "cameras"), _section(data, "files")
+        simulated = [_section(cameras, "left"), _section(cameras, "right")]
+        simulated += [_section(data, name) for name in ("robot", "gripper")]
+        for section in simulated:
+            if section.get("driver") == "sim":
+                section["port"] = sim_port
+        _section(data, "plc")["port"] = plc_port
+        calibration = wish.config.parent / str(files["calibration"])
+        files["calibration"] = os.path.relpath(calibration, wish.out)
+    except KeyError as error:
+        raise ConfigError(
+            wish.config, None, f"not a configuration of a simulated cell: {error} is missing"
+        ) from error
+    own = wish.out / "cell.yaml"
     own.write_text(
-        f"# {config} with the ports of this run\n" + yaml.safe_dump(data, sort_keys=False), encoding="utf-8"
+        f"# {wish.config} with the addresses of this run\n" + yaml.safe_dump(data, sort_keys=False),
+        encoding="utf-8",
     )
     return own
 
 
+def _section(data: dict[str, Json], name: str) -> dict[str, Json]:
+    section = data[name]
+    if not isinstance(section, dict):
+        raise KeyError(name)
+    return section
+
+
 def _follow(
     story: _Story,
-    daemon: _Child,
-    plc: _Child,
-    sim: _Child,
+    daemon: Child,
+    plc: Child,
+    watched: list[Child],
     clock: MonotonicClock,
     asked: threading.Event,
     until: float,
 ) -> str | None:
     """Show what happens until the PLC's program ends; otherwise what went wrong."""
     with selectors.DefaultSelector() as selector:
-        for child in (daemon, plc, sim):
+        for child in (daemon, plc, *watched):
             assert child.process.stdout is not None
             selector.register(child.process.stdout, selectors.EVENT_READ, child)
         while clock.now() < until:
             for key, _ in selector.select(0.5):
                 child = key.data
-                assert isinstance(child, _Child)
+                assert isinstance(child, Child)
                 for line in child.read():
                     if child is plc:
                         story.plc(line)
@@ -320,30 +305,30 @@ def _follow(
                 return "asked to end"
             if plc.over:
                 return None
-            for child in (daemon, sim):
+            for child in (daemon, *watched):
                 if child.over:
                     return f"the {child.name} process ended by itself"
     return "the time was over before the tray was empty"
 
 
-def _truth(sim: _Child) -> Line:
-    """What the simulated cell counted, in its last line."""
-    sim.end(_END_S)
+def _last_words(child: Child) -> Line:
+    """What a simulated device counted, in its last line."""
+    child.end(END_S)
     last: Line = {}
-    while not sim.over:
-        for line in sim.read():
-            if line.get("event") == "ended":
-                last = line
+    while not child.over:
+        for line in child.read():
+            last = line
     return last
 
 
 def _verdict(
     story: _Story,
-    out: Path,
+    wish: Wish,
     failed: str | None,
     daemon_code: int | None,
     plc_code: int | None,
     truth: Line,
+    arm: Line | None,
     took_s: float,
 ) -> int:
     in_box = truth.get("in_box")
@@ -358,6 +343,7 @@ def _verdict(
     attempts = [r for r in story.results if r.get("outcome") in ("PICKED", "MISSED")]
     summary: Line = {
         "good": good,
+        "driver": wish.driver,
         "sticks": story.sticks,
         "picked": story.picked,
         "in_box": in_box,
@@ -369,8 +355,10 @@ def _verdict(
         "took_s": round(took_s, 1),
         "detector_median_s": _median([r.get("durations_s") for r in story.results]),
         "simulated_cell": truth,
+        "simulated_controller": arm,
         "failed": failed,
     }
+    out = wish.out
     (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     colour = "green" if good else "red"
     story.console.print(

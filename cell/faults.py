@@ -11,6 +11,7 @@ from drivers.errors import (
     DeviceTimeout,
     DeviceUnavailable,
     DriverError,
+    NotInRemote,
     SafetyStop,
     StaleData,
 )
@@ -37,6 +38,7 @@ class FaultCode(IntEnum):
     EMERGENCY_STOP = 413
     SAFETY_UNKNOWN = 414
     MOVE_REJECTED = 421
+    NOT_IN_REMOTE = 422
     GRIPPER_LOST = 501
     GRIP_UNKNOWN = 502
     PLC_LOST = 601
@@ -113,6 +115,10 @@ TABLE: Final[dict[FaultCode, Row]] = {
     FaultCode.MOVE_REJECTED: Row(
         result=ResultCode.ROBOT_NOT_READY, action=f"read the arm's message in the log; {_RESET}"
     ),
+    FaultCode.NOT_IN_REMOTE: Row(
+        result=ResultCode.LOCAL_CONTROL,
+        action="switch the arm to remote control at its panel (upper right corner); then reset",
+    ),
     FaultCode.GRIPPER_LOST: Row(result=ResultCode.GRIP_FAILED, action=f"check the gripper; {_RESET}"),
     FaultCode.GRIP_UNKNOWN: Row(
         result=ResultCode.GRIP_FAILED, action=f"look what the gripper holds, empty it; {_RESET}"
@@ -156,6 +162,7 @@ _BY_DEVICE: Final[dict[str, dict[type[DriverError], FaultCode]]] = {
         DeviceTimeout: FaultCode.ROBOT_SLOW,
         StaleData: FaultCode.ROBOT_STALE,
         CommandRejected: FaultCode.MOVE_REJECTED,
+        NotInRemote: FaultCode.NOT_IN_REMOTE,
     },
     "gripper": {
         DeviceUnavailable: FaultCode.GRIPPER_LOST,
@@ -189,7 +196,8 @@ def fault_of(error: Exception) -> Fault:
             return Fault(code=_SAFETY.get(mode, FaultCode.SAFETY_UNKNOWN), detail=str(error))
         case DriverError(device=device):
             kinds = _BY_DEVICE.get(device.split(".")[0], {})
-            return Fault(code=kinds.get(type(error), FaultCode.INTERNAL), detail=str(error))
+            known = (kinds[kind] for kind in type(error).__mro__ if kind in kinds)
+            return Fault(code=next(known, FaultCode.INTERNAL), detail=str(error))
         case PictureUnusable():
             return Fault(code=FaultCode.IMAGE_UNUSABLE, detail=str(error))
         case VisionFailed():

@@ -198,6 +198,10 @@ class CellLoop:
         if unsafe is not None:
             self._fault(unsafe)
             return
+        if not state.program_running:
+            detail = f"{self._station.robot.name}: its program was ended, at the panel or by its controller"
+            self._fault(Fault(code=FaultCode.MOVE_REJECTED, detail=detail))
+            return
         self._publish(vision_ok=True, part_in_gripper=self._station.gripper.grip() is Grip.HOLDING)
 
     def _happened(self, event: Event) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final, Literal
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,9 @@ class PlanRefusal(Enum):
     TILT = "too steep for the gripper"
     CLEARANCE = "no room for the jaws"
     REACH = "the arm cannot reach it"
+    JOINT = "a joint of the arm at its limit"
+    SINGULARITY = "the arm too near a singularity"
+    POSTURE = "the arm cannot go there in one posture"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +66,9 @@ class Plan:
     refused: tuple[PlanRefused, ...] = ()
 
 
+Reach: TypeAlias = Callable[[Pick], Pick | PlanRefused]
+
+
 def plan_picks(
     scene: Scene,
     base_from_camera: Transform,
@@ -70,6 +77,7 @@ def plan_picks(
     diameter_m: float,
     tool: Transform,
     missed: MissedParts,
+    reach: Reach,
     code: int | None = None,
     thickest_m: float | None = None,
 ) -> tuple[Plan, ...]:
@@ -92,6 +100,9 @@ def plan_picks(
         ``base_from_tool`` now; of the two equal jaw directions the nearer one is taken.
     missed
         Where grips failed lately: another place on the same part is preferred.
+    reach
+        What is known of the arm: takes a pick, gives it back (perhaps with the hand turned) or says what
+        stands against it.
     code
         The product that is asked for, where several lie in one heap; None: every candidate is.
     thickest_m
@@ -109,8 +120,18 @@ def plan_picks(
             start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
             near = _sampled(_others(start, end, obstacles, diameter_m))
             plan = _plan(candidate, start, end, near, workspace, jaws, diameter_m, thickest, tool, missed)
-            plans.append(plan)
+            plans.append(_judged(plan, reach))
     return _ranked(plans)
+
+
+def _judged(plan: Plan, reach: Reach) -> Plan:
+    """The plan as far as the arm can carry it out."""
+    if plan.pick is None:
+        return plan
+    judged = reach(plan.pick)
+    if isinstance(judged, Pick):
+        return replace(plan, pick=judged)
+    return replace(plan, pick=None, refused=(judged,))
 
 
 def _ranked(plans: list[Plan]) -> tuple[Plan, ...]:

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from cell.emptiness import is_empty
 from cell.planning import PlanRefusal, PlanRefused
 from cell.station import Look, Station
 from cell.types import Outcome, Pick, PickOrder, PickResult
 from drivers.types import PlcCommand, ResultCode
+
+UNREACHABLE: Final = frozenset(
+    {
+        PlanRefusal.WORKSPACE,
+        PlanRefusal.REACH,
+        PlanRefusal.JOINT,
+        PlanRefusal.SINGULARITY,
+        PlanRefusal.POSTURE,
+    }
+)
+"""Reasons that lie in where a part is, not in what lies around it."""
 
 
 def plain(
@@ -38,7 +51,7 @@ def nothing_to_pick(station: Station, order: PickOrder, look: Look, refused: lis
     code = ResultCode.NO_PART_FOUND
     if reasons & {PlanRefusal.CLEARANCE}:
         code = ResultCode.COLLISION
-    elif reasons & {PlanRefusal.REACH, PlanRefusal.WORKSPACE}:
+    elif reasons & UNREACHABLE:
         code = ResultCode.UNREACHABLE
     return PickResult(
         request_id=order.request_id,

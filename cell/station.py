@@ -19,7 +19,7 @@ from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.planning import Plan
 from cell.types import PickOrder
-from drivers.interfaces import Gripper, Robot, StereoRig
+from drivers.interfaces import Gripper, Kinematics, Robot, StereoRig
 from drivers.timing import Clock
 from drivers.types import FramePair, JointMotion, LineMotion
 from vision.types import Candidate, Plane, Scene, StereoModel, Transform, Tuning
@@ -73,6 +73,7 @@ class Station:
 
     rig: StereoRig
     robot: Robot
+    kinematics: Kinematics
     gripper: Gripper
     stereo: StereoModel
     base_from_camera: Transform

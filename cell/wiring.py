@@ -104,12 +104,13 @@ def build(
     factory = Factory(cell_clock)
     rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
     robot = factory.robot("robot", config.robot)
-    gripper = factory.gripper("gripper", config.gripper)
+    gripper = factory.gripper("gripper", config.gripper, robot)
     if known.base_from_camera is None:
         raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
     station = Station(
         rig=rig,
         robot=robot,
+        kinematics=factory.kinematics(config.robot),
         gripper=gripper,
         stereo=known.stereo,
         base_from_camera=known.base_from_camera,

@@ -33,6 +33,10 @@ class CommandRejected(DriverError):
     """Said no."""
 
 
+class NotInRemote(CommandRejected):
+    """Said no because somebody works at its panel: it is in local control."""
+
+
 class SafetyStop(DriverError):
     """Stopped by its own safety system; a person has to look."""
 

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from drivers.interfaces import Camera, Gripper, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     PlcSettings,
     ReplayCameraSettings,
+    RobotIoGripperSettings,
+    RobotiqGripperSettings,
     RobotSettings,
     SimCameraSettings,
     SimGripperSettings,
     SimRobotSettings,
+    UrRobotSettings,
 )
 from drivers.timing import Clock
+from drivers.types import Check
 
 
 class Factory:
@@ -54,16 +58,84 @@ class Factory:
                 from drivers.sim.devices import SimRobot
 
                 return SimRobot(name, settings, self.clock)
+            case UrRobotSettings():
+                from drivers.robot.ur import UrRobot
+
+                return UrRobot(name, settings, self.clock)
             case _:
                 assert_never(settings)
 
-    def gripper(self, name: str, settings: GripperSettings) -> Gripper:
-        """A gripper called ``name``."""
+    def kinematics(self, settings: RobotSettings) -> Kinematics:
+        """What is known of an arm without asking it."""
+        match settings:
+            case SimRobotSettings():
+                from drivers.sim.reach import AskTheArm
+
+                return AskTheArm()
+            case UrRobotSettings():
+                from drivers.robot.ur_reach import UrKinematics
+
+                return UrKinematics(settings)
+            case _:
+                assert_never(settings)
+
+    def robot_checks(self, settings: RobotSettings) -> tuple[Check, ...]:
+        """What a look at the arm's controller shows; moves nothing and changes nothing."""
+        match settings:
+            case SimRobotSettings():
+                return ()
+            case UrRobotSettings():
+                from drivers.robot.ur_preflight import checks
+
+                return checks(settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def gripper(self, name: str, settings: GripperSettings, io: DigitalIo) -> Gripper:
+        """A gripper called ``name``; ``io`` is what it is wired to, where its settings say so."""
         match settings:
             case SimGripperSettings():
                 from drivers.sim.devices import SimGripper
 
                 return SimGripper(name, settings, self.clock)
+            case RobotIoGripperSettings():
+                from drivers.gripper.robot_io import RobotIoGripper
+
+                return RobotIoGripper(name, settings, io, self.clock)
+            case RobotiqGripperSettings():
+                from drivers.gripper.robotiq import RobotiqGripper
+
+                return RobotiqGripper(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def gripper_checks(self, settings: GripperSettings, robot: RobotSettings) -> tuple[Check, ...]:
+        """What a look at the gripper shows, at the arm's pins where it is wired to these; moves nothing.
+
+        Raises
+        ------
+        DriverError
+            The arm's controller does not tell its pins.
+        """
+        match settings:
+            case SimGripperSettings():
+                return ()
+            case RobotIoGripperSettings():
+                from drivers.gripper import robot_io
+
+                match robot:
+                    case SimRobotSettings():
+                        return ()
+                    case UrRobotSettings():
+                        from drivers.robot.ur_pins import read_pins
+
+                        return robot_io.checks(settings, read_pins("gripper", robot.host, self.clock))
+                    case _:
+                        assert_never(robot)
+            case RobotiqGripperSettings():
+                from drivers.gripper import robotiq
+
+                return robotiq.checks(settings, self.clock)
             case _:
                 assert_never(settings)
 

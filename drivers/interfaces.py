@@ -3,6 +3,7 @@ and `tests/contract/` checks them on every implementation."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from drivers.timing import StopToken
@@ -13,6 +14,7 @@ from drivers.types import (
     JointAngles,
     JointMotion,
     LineMotion,
+    NotReachable,
     PlcInputs,
     PlcOutputs,
     RobotState,
@@ -74,6 +76,15 @@ class Robot(Device, DigitalIo, Protocol):
 
     def recover(self) -> None:
         """Clears what software may clear; called on an explicit reset only."""
+        ...
+
+
+class Kinematics(Protocol):
+    """What is known of an arm without asking it."""
+
+    def refused(self, start: JointAngles, way: Sequence[ToolPose]) -> NotReachable | None:
+        """What stands against going from ``start`` along straight lines through ``way``; None: nothing that
+        is known. Touches no device and takes milliseconds."""
         ...
 
 

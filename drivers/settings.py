@@ -3,12 +3,23 @@ configuration can be checked on any computer."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 Port = Annotated[int, Field(ge=1, le=65535)]
+Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -51,7 +62,95 @@ class SimRobotSettings(Settings):
     port: Port
 
 
-RobotSettings = SimRobotSettings
+_UR_PAYLOAD_KG: Final = {"UR3e": 3.0, "UR5e": 5.0, "UR10e": 12.5}
+_UR_REACH_M: Final = {"UR3e": 0.5, "UR5e": 0.85, "UR10e": 1.3}
+"""Base to wrist, as the maker states it."""
+
+
+class UrReachSettings(Settings):
+    """How far from its limits an arm stays where places are judged before it is asked."""
+
+    joint_limits_rad: Six | None = Field(
+        default=None,
+        description="largest angle of each joint, either way, where the safety configuration is narrower "
+        "than the maker's (one turn, the elbow half)",
+    )
+    joint_margin_rad: NonNegativeFloat = Field(default=0.05, description="from a joint's limit")
+    wrist_margin_rad: NonNegativeFloat = Field(
+        default=0.1, le=1.5, description="from a straight wrist (joint 5)"
+    )
+    elbow_margin_rad: NonNegativeFloat = Field(
+        default=0.1, le=1.5, description="from a straight elbow (joint 3)"
+    )
+    shoulder_margin_m: NonNegativeFloat = Field(
+        default=0.03, le=0.5, description="of the hand's joints from the plane over the base's axis"
+    )
+    calibration_m: NonNegativeFloat = Field(
+        default=0.003,
+        le=0.05,
+        description="how far the real arm may stand beside the nominal one: the reach counts as this much "
+        "shorter",
+    )
+
+
+class UrRobotSettings(Settings):
+    """A UR e-Series arm over RTDE. Everything is checked against the controller before the arm may move."""
+
+    driver: Literal["ur"]
+    host: str = Field(min_length=1, description="the controller's address; its ports are fixed")
+    model: Literal["UR3e", "UR5e", "UR10e"]
+    tcp_m_rad: Six = Field(description="tool centre point on the flange: metres, rotation vector in radians")
+    payload_kg: Annotated[float, Field(ge=0)] = Field(description="gripper and what it is fixed with")
+    payload_cog_m: Three = Field(description="centre of gravity of the payload, from the flange")
+    tool_from: Literal["installation", "configuration"] = Field(
+        default="installation",
+        description="installation: tool and payload set on the pendant must be the ones given here; "
+        "configuration: the driver sets them each time it connects",
+    )
+    tool_box_min_m: Three = Field(description="the tool is sent nowhere outside this box, base frame")
+    tool_box_max_m: Three
+    registers: Literal["lower", "upper"] = Field(
+        default="lower",
+        description="RTDE registers 0-23 or 24-47; upper where a fieldbus holds the lower ones "
+        "(PolyScope below 5.23)",
+    )
+    stop_line_m_s2: Annotated[float, Field(gt=0, le=20)] = Field(
+        default=4.0, description="deceleration with which a line is broken off"
+    )
+    stop_joint_rad_s2: Annotated[float, Field(gt=0, le=20)] = Field(
+        default=8.0, description="deceleration with which a motion through joint space is broken off"
+    )
+    first_speed_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.25, description="speed of the first motion after a protective or emergency stop"
+    )
+    reach: UrReachSettings = UrReachSettings()
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        if max(abs(v) for v in self.tcp_m_rad[:3]) > 1.0:
+            raise ValueError(f"tcp_m_rad {list(self.tcp_m_rad)}: over 1 m from the flange; give metres")
+        if max(abs(v) for v in self.tcp_m_rad[3:]) > 6.2832:
+            raise ValueError(f"tcp_m_rad {list(self.tcp_m_rad)}: rotation over 2 pi; give radians")
+        if self.payload_kg > _UR_PAYLOAD_KG[self.model]:
+            raise ValueError(
+                f"payload_kg {self.payload_kg:g}: a {self.model} carries {_UR_PAYLOAD_KG[self.model]:g} kg"
+            )
+        if max(abs(v) for v in self.payload_cog_m) > 1.0:
+            raise ValueError(f"payload_cog_m {list(self.payload_cog_m)}: over 1 m; give metres")
+        tool_m = math.dist((0.0, 0.0, 0.0), self.tcp_m_rad[:3])
+        reach_m = _UR_REACH_M[self.model] + tool_m + 0.3  # flange and wrist
+        for axis, low, high in zip("xyz", self.tool_box_min_m, self.tool_box_max_m, strict=True):
+            if low >= high:
+                raise ValueError(f"tool box is empty along {axis}: min {low:g} is not below max {high:g}")
+            if max(abs(low), abs(high)) > reach_m:
+                raise ValueError(
+                    f"tool box along {axis}: {low:g} to {high:g} m is beyond what a {self.model} with this "
+                    f"tool can reach ({reach_m:.2f} m); metres are expected"
+                )
+        return self
+
+
+RobotSettings = Annotated[SimRobotSettings | UrRobotSettings, Field(discriminator="driver")]
 
 
 class SimGripperSettings(Settings):
@@ -62,7 +161,85 @@ class SimGripperSettings(Settings):
     port: Port
 
 
-GripperSettings = SimGripperSettings
+Pin = Annotated[int, Field(ge=0, le=17)]
+Byte = Annotated[int, Field(ge=0, le=255)]
+
+
+class RobotIoGripperSettings(Settings):
+    """A gripper that is wired to the arm: outputs move the jaws, an input says that a part is held.
+
+    Pins are numbered as in the controller's own words of bits: 0-7 standard, 8-15 configurable, 16-17 tool.
+    """
+
+    driver: Literal["robot_io"]
+    close_output: Pin = Field(description="on: the jaws close; off: they open, by spring or by open_output")
+    open_output: Pin | None = Field(
+        default=None, description="second coil of a double-acting valve: on opens the jaws"
+    )
+    holding_input: Pin = Field(description="says that a part is between the closed jaws")
+    holding_level: bool = Field(default=True, description="level of holding_input that means held")
+    open_input: Pin | None = Field(
+        default=None, description="says that the jaws are open, where there is one"
+    )
+    closing_s: PositiveFloat = Field(
+        description="the jaws are closed this long after the order; nothing held by then is an empty grip"
+    )
+    opening_s: PositiveFloat = Field(description="the jaws are open this long after the order")
+    settle_s: PositiveFloat = Field(
+        default=0.05, description="holding_input counts once it has been on for this long at a stretch"
+    )
+
+    @model_validator(mode="after")
+    def _pins_apart(self) -> Self:
+        if self.open_output == self.close_output:
+            raise ValueError(f"open_output and close_output are both {self.close_output}")
+        if self.open_input == self.holding_input:
+            raise ValueError(f"open_input and holding_input are both {self.holding_input}")
+        if self.settle_s >= self.closing_s:
+            raise ValueError(f"settle_s {self.settle_s} is not below closing_s {self.closing_s}")
+        return self
+
+
+class RobotiqGripperSettings(Settings):
+    """A Robotiq 2F gripper over the socket its URCap opens on the UR controller.
+
+    Positions, speed and force are the gripper's own counts, 0..255; position 0 is fully open. Whether a
+    part is held is decided by where the fingers stand: the gripper's own detection may overlook thin
+    parts (its manual says so).
+    """
+
+    driver: Literal["robotiq"]
+    host: str = Field(description="the UR controller the gripper is connected to")
+    port: Port = 63352
+    open_position: Byte = Field(description="where the fingers wait for a part")
+    close_position: Byte = Field(default=255, description="where they are sent to grip")
+    empty_from: Byte = Field(
+        description="closed this far or further they have nothing between them: close on nothing, read POS, "
+        "take 3 off"
+    )
+    speed: Byte = 255
+    force: Byte = Field(description="0 is the gentlest")
+    activate: bool = Field(
+        default=False,
+        description="may activate a gripper that is not: the fingers then close and open once, all the way",
+    )
+    timeout_s: PositiveFloat = Field(default=0.5, description="for each answer")
+    jaws_timeout_s: PositiveFloat = Field(default=5.0, description="for one closing or opening")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if not self.open_position + 4 < self.empty_from <= self.close_position:
+            raise ValueError(
+                "positions must rise from open_position by more than 4 counts to empty_from, and "
+                f"close_position must not stop short of it: {self.open_position}, {self.empty_from}, "
+                f"{self.close_position}"
+            )
+        return self
+
+
+GripperSettings = Annotated[
+    SimGripperSettings | RobotIoGripperSettings | RobotiqGripperSettings, Field(discriminator="driver")
+]
 
 
 class ModbusPlcSettings(Settings):
@@ -102,10 +279,15 @@ __all__ = [
     "PlcSettings",
     "Port",
     "ReplayCameraSettings",
+    "RobotIoGripperSettings",
     "RobotSettings",
+    "RobotiqGripperSettings",
     "Settings",
     "SimCameraSettings",
     "SimGripperSettings",
     "SimRobotSettings",
     "Six",
+    "Three",
+    "UrReachSettings",
+    "UrRobotSettings",
 ]

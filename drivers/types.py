@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 Pixels: TypeAlias = npt.NDArray[np.uint8]
+Three: TypeAlias = tuple[float, float, float]
 Six: TypeAlias = tuple[float, float, float, float, float, float]
 
 
@@ -113,6 +114,49 @@ class RobotState:
     speed_fraction: float
     controller_time_s: float
     read_at: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One line of a look at a device before it is used: what was found, and what to do when it is wrong."""
+
+    what: str
+    ok: bool
+    found: str
+    do: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pins:
+    """Digital pins of an arm at one instant, bit n for pin n."""
+
+    inputs: int
+    outputs: int
+
+
+class ReachLimit(Enum):
+    """What keeps an arm from a place, or from the way there. Values are what a person reads."""
+
+    BOX = "outside the box the tool may be in"
+    TOO_FAR = "farther than the arm reaches"
+    TOO_NEAR = "nearer to its base than the arm can fold"
+    JOINT = "a joint at its limit"
+    WRIST = "wrist nearly straight or folded"
+    ELBOW = "elbow nearly straight or folded"
+    SHOULDER = "hand nearly above the base"
+    SWING = "the arm would have to change its posture on the way"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotReachable:
+    """Why an arm is not to go a way: ``value`` against ``bound``, on its ``leg``-th line (from 0)."""
+
+    limit: ReachLimit
+    value: float
+    bound: float
+    unit: Literal["m", "rad"]
+    leg: int
+    joint: int | None = None
 
 
 class Grip(Enum):

@@ -15,6 +15,11 @@ _END_S = 2.0
 """Threads that were told to end get this long to do so."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """What the tests in `tests/lab` can be asked for."""
+    parser.addoption("--picks", type=int, help="parts a soak in tests/lab delivers (short by default)")
+
+
 @pytest.fixture(autouse=True)
 def no_stray_threads() -> Iterator[None]:
     """Fail a test that leaves a thread behind; threads of module fixtures are not its own."""

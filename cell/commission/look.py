@@ -22,10 +22,11 @@ from cell.errors import CalibrationError, UsageError
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck, refuse_flawed
 from cell.planning import Plan, plan_picks
+from cell.reaching import reach_of
 from cell.stopwatch import StageTimes
 from drivers.factory import Factory
 from drivers.timing import MonotonicClock
-from drivers.types import Pixels
+from drivers.types import JointAngles, Pixels
 from vision.draw import draw
 from vision.locate import locate
 from vision.types import Scene, Tuning
@@ -255,6 +256,8 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         raise CalibrationError(
             f"{sight.known.path}: base_from_camera is missing; do the hand-eye calibration"
         )
+    watch = JointAngles(q_rad=sight.config.workspace.watch_q_rad)
+    kinematics = Factory(MonotonicClock()).kinematics(sight.config.robot)
     plans = plan_picks(
         scene,
         base,
@@ -263,6 +266,7 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         sight.part.diameter_m,
         frames.transform_of(frames.tool_down(np.zeros(3), 0.0)),
         MissedParts(),
+        reach_of(kinematics, watch),
         sight.part.code,
         max(part.diameter_m for part in sight.parts),
     )

@@ -170,11 +170,17 @@ class Arm:
         self.motions_started = 0
         self._motion: _Motion | None = None
         self._last = MotionEnd.DONE
+        self._led = False
 
     @property
     def moving(self) -> bool:
-        """True from the acceptance of a motion until the arm rests."""
-        return self._motion is not None
+        """True from the acceptance of a motion until the arm rests, or while it is led."""
+        return self._motion is not None or self._led
+
+    @property
+    def led(self) -> bool:
+        """Moving after somebody else's joint angles."""
+        return self._led
 
     @property
     def motion_state(self) -> MotionEnd:
@@ -236,6 +242,12 @@ class Arm:
     def _begin(self, waypoints: Floats, speed: float, accel: float) -> None:
         self._motion = _Motion(waypoints=waypoints, speed=speed, accel=accel)
         self.motions_started += 1
+
+    def lead(self, q_rad: Floats, moving: bool) -> None:
+        """Be where another arm is: a controller outside moves this one."""
+        self._motion = None
+        self.motions_started += int(moving and not self._led)
+        self.q, self._led = np.array(q_rad, dtype=np.float64), moving
 
     def halt(self) -> None:
         """Come to rest on the path, from full speed within the layout's time."""

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
-import socket
 import sys
 import threading
 from contextlib import suppress
@@ -24,12 +22,12 @@ from drivers.sim import arguments
 from drivers.sim.controller import Controller
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import calibration_text, eyes
+from drivers.sim.process import ending_signals
 from drivers.sim.protocol import ProtocolError
 from drivers.sim.service import FAULTS, Service, status_values, upset
 from drivers.sim.world import World
 from drivers.timing import MonotonicClock
 
-ENDING = (signal.SIGTERM, signal.SIGINT)
 TICK_S = 0.004
 """Real time between two steps of the world when nobody asks for anything."""
 
@@ -68,20 +66,6 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _ending_signals() -> socket.socket:
-    """A socket that can be read once the process was asked to end.
-
-    A handler that sets an event could meet the main thread inside that event's lock, and masks do not reach
-    the threads numpy starts; a byte written by the interpreter's own handler always arrives.
-    """
-    reader, writer = socket.socketpair()
-    writer.setblocking(False)
-    for number in ENDING:
-        signal.signal(number, lambda *_: None)
-    signal.set_wakeup_fd(writer.detach())
-    return reader
-
-
 def _run_clock(controller: Controller, ended: threading.Event) -> None:
     while not ended.wait(TICK_S):
         controller.advance()
@@ -103,7 +87,7 @@ def main(argv: list[str] | None = None) -> int:
     if refused is not None:
         sys.stderr.write(f"simulated cell: {refused}\n")
         return arguments.EXIT_USAGE
-    asked_to_end = _ending_signals()
+    asked_to_end = ending_signals()
     seed = layout.seed if options.seed is None else options.seed
     controller = Controller(world, MonotonicClock(), options.speed, eyes(layout.cameras), seed)
     try:

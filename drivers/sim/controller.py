@@ -18,16 +18,18 @@ from drivers.sim.optics import Eye
 from drivers.sim.render import Lighting, Renderer
 from drivers.sim.world import Snapshot, World
 from drivers.timing import Clock
-from drivers.types import Grip, JointAngles, Pixels, RobotState, SafetyMode, ToolPose
+from drivers.types import Grip, JointAngles, Pixels, RobotState, SafetyMode, Six, ToolPose
 
 LEASE_S = 0.3
 """A motion goes on only while its client asks after it at least this often (real time)."""
-EXPOSURE_KEPT_S = 0.5
-"""The second eye may still develop an exposure this old."""
+EXPOSURE_KEPT_S = 3.0
+"""The second eye may still develop an exposure this old: on a busy machine the first one takes its time."""
 LONGEST_JUMP_S = 0.25
 """After the process was frozen, simulated time goes on from where it was."""
 EYES = ("left", "right")
 PINS = 16
+JAWS_OUTPUT, HELD_INPUT = 0, 0
+"""Pins of the arm: the output that closes the jaws (off: opens them), the input that says a part is held."""
 
 
 class CameraFault:
@@ -68,6 +70,24 @@ class Shot:
     sequence: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """What a controller outside says of its arm: joints, state, and 16 digital outputs as bits."""
+
+    q_rad: Six
+    moving: bool
+    safety: SafetyMode
+    outputs: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Driven:
+    """What it hears: 16 digital inputs as bits, and a safety mode somebody asks for (or None)."""
+
+    inputs: int
+    asked: SafetyMode | None
+
+
 class Silent(Exception):
     """This eye does not answer in time."""
 
@@ -105,7 +125,9 @@ class Controller:
         self._frozen_state: RobotState | None = None
         self._outputs = [False] * PINS
         self._inputs = [False] * PINS
-        self._changed = threading.Event()
+        self._driver: int | None = None
+        self._driven_close = False
+        self._asked_safety: SafetyMode | None = None
         self.lease_halts = 0
 
     def advance(self) -> None:
@@ -113,7 +135,7 @@ class Controller:
         with self._lock:
             now = self._clock.now()
             passed, self._since = now - self._since, now
-            if self._world.arm.moving and now - self._asked_at > LEASE_S:
+            if self._world.arm.moving and not self._world.arm.led and now - self._asked_at > LEASE_S:
                 self._world.arm.halt()
                 self.lease_halts += 1
                 self._asked_at = now
@@ -192,7 +214,9 @@ class Controller:
             if self._holder == client:
                 self.advance()
                 self._world.arm.halt()
-                self._holder = None
+                if self._driver == client:
+                    self._world.arm.lead(self._world.arm.q, moving=False)
+                self._holder = self._driver = None
 
     def _own(self, client: int) -> None:
         self.take_control(client)
@@ -228,6 +252,29 @@ class Controller:
             if self._robot_frozen:  # what it says of the motion is as old as the rest
                 return MotionEnd.RUNNING if state.moving else MotionEnd.DONE, state
             return self._world.arm.motion_state, state
+
+    def drive(self, client: int, drive: Drive) -> Driven:
+        """A controller outside moves the arm and wires its pins: output 0 closes the jaws, input 0 says that
+        a part is held. `Refused` while another client has control; while this one has, nobody else moves.
+        """
+        with self._lock:
+            self.take_control(client)
+            self._driver = client
+            self.advance()
+            world = self._world
+            safety_before = drive.safety
+            world.arm.safety = safety_before
+            world.lead(np.array(drive.q_rad), drive.moving)
+            if world.arm.safety is not safety_before:  # the jaws ran into something
+                self._asked_safety = world.arm.safety
+            self._outputs = [bool(drive.outputs >> pin & 1) for pin in range(PINS)]
+            close = self._outputs[JAWS_OUTPUT]
+            if close is not self._driven_close:
+                self._driven_close = close
+                self.begin_jaws(close)
+            asked, self._asked_safety = self._asked_safety, None
+            inputs = sum(on << pin for pin, on in enumerate(self._inputs))
+            return Driven(inputs=inputs | (world.grip is Grip.HOLDING) << HELD_INPUT, asked=asked)
 
     def halt(self) -> None:
         """Come to rest; anybody may ask for that."""
@@ -275,6 +322,8 @@ class Controller:
         with self._lock:
             self.advance()
             self._world.arm.stop_for_safety(mode)
+            if self._driver is not None:
+                self._asked_safety = mode
 
     def freeze_robot(self, frozen: bool) -> None:
         """The controller goes on answering, but with old news."""
@@ -286,14 +335,18 @@ class Controller:
             self._robot_frozen = frozen
 
     def set_output(self, pin: int, on: bool) -> None:
-        """A digital output; `Refused` for a pin there is not."""
+        """A digital output; `Refused` for a pin there is not. `JAWS_OUTPUT` moves the jaws."""
         self._pin(pin)
-        self._outputs[pin] = on
+        with self._lock:
+            changed, self._outputs[pin] = self._outputs[pin] is not on, on
+            if changed and pin == JAWS_OUTPUT:
+                self.begin_jaws(on)
 
     def read_input(self, pin: int) -> bool:
-        """A digital input; `Refused` for a pin there is not."""
+        """A digital input; `Refused` for a pin there is not. `HELD_INPUT` is the jaws' own sensor as well."""
         self._pin(pin)
-        return self._inputs[pin]
+        held = pin == HELD_INPUT and self.grip() is Grip.HOLDING
+        return held or self._inputs[pin]
 
     def set_input(self, pin: int, on: bool) -> None:
         """What is wired to an input, from outside."""

@@ -11,9 +11,10 @@ import socket
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from drivers.types import Six
+if TYPE_CHECKING:  # the simulated UR controller speaks this without numpy
+    from drivers.types import Six
 
 Json: TypeAlias = bool | int | float | str | list["Json"] | dict[str, "Json"] | None
 
@@ -74,10 +75,51 @@ class Message:
         return (a, b, c, d, e, f)
 
 
+def encode(message: Message) -> bytes:
+    """One message as it goes over the wire."""
+    text = json.dumps(message.values, allow_nan=False).encode()
+    return _LENGTHS.pack(len(text), len(message.payload)) + text + message.payload
+
+
+def decode(data: bytes) -> tuple[Message | None, bytes]:
+    """The first message of what came so far, None while it is not whole; and the rest.
+
+    Raises
+    ------
+    ProtocolError
+        Lengths out of bounds, or no JSON object.
+    """
+    if len(data) < _LENGTHS.size:
+        return None, data
+    text_end, end = _ends(data)
+    if len(data) < end:
+        return None, data
+    values = _values(data[_LENGTHS.size : text_end])
+    return Message(values=values, payload=data[text_end:end]), data[end:]
+
+
+def _ends(start: bytes) -> tuple[int, int]:
+    """Where the text and the payload end, counted from the first byte of the lengths."""
+    header_size, payload_size = _LENGTHS.unpack_from(start)
+    if header_size > HEADER_LIMIT or payload_size > PAYLOAD_LIMIT:
+        raise ProtocolError(f"message of {header_size} + {payload_size} bytes is too long")
+    text_end = _LENGTHS.size + header_size
+    return text_end, text_end + payload_size
+
+
+def _values(text: bytes) -> dict[str, Json]:
+    try:
+        values: Json = json.loads(text)
+    except ValueError as error:
+        raise ProtocolError("message is not JSON") from error
+    if not isinstance(values, dict):
+        raise ProtocolError("message is not a JSON object")
+    return values
+
+
 def send(connection: socket.socket, message: Message) -> None:
     """Write one message; `OSError` as the socket raises it."""
-    text = json.dumps(message.values, allow_nan=False).encode()
-    connection.sendall(_LENGTHS.pack(len(text), len(message.payload)) + text + message.payload)
+    connection.sendall(encode(message))
 
 
 def receive(connection: socket.socket, left_s: Callable[[], float] | None = None) -> Message | None:
@@ -96,18 +138,10 @@ def receive(connection: socket.socket, left_s: Callable[[], float] | None = None
     start = _read(connection, _LENGTHS.size, left_s, may_end=True)
     if start is None:
         return None
-    header_size, payload_size = _LENGTHS.unpack(start)
-    if header_size > HEADER_LIMIT or payload_size > PAYLOAD_LIMIT:
-        raise ProtocolError(f"message of {header_size} + {payload_size} bytes is too long")
-    text = _read(connection, header_size, left_s, may_end=False) or b""
-    payload = _read(connection, payload_size, left_s, may_end=False) or b""
-    try:
-        values: Json = json.loads(text)
-    except ValueError as error:
-        raise ProtocolError("message is not JSON") from error
-    if not isinstance(values, dict):
-        raise ProtocolError("message is not a JSON object")
-    return Message(values=values, payload=payload)
+    text_end, end = _ends(start)
+    text = _read(connection, text_end - _LENGTHS.size, left_s, may_end=False) or b""
+    payload = _read(connection, end - text_end, left_s, may_end=False) or b""
+    return Message(values=_values(text), payload=payload)
 
 
 def _read(

@@ -1,8 +1,9 @@
 """The simulated cell on a loopback port: requests to `Controller` calls, and back.
 
-Three kinds of clients share the port: eyes, arm and jaws (`drivers.sim.devices`), and whoever wants to watch
-or upset the cell (status, truth, faults). Every request gets one answer: ``ok`` true with values, or false
-with ``kind`` (rejected, timeout, bad_request) and ``detail``.
+Three kinds of clients share the port: eyes, arm and jaws (`drivers.sim.devices`), or in their place a
+simulated controller that drives the arm; and whoever wants to watch or upset the cell (status, truth,
+faults). Every request gets one answer: ``ok`` true with values, or false with ``kind`` (rejected, timeout,
+bad_request) and ``detail``.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import socket
 import socketserver
 
 from drivers.sim.arm import Refused
-from drivers.sim.controller import EYES, CameraFault, Controller, Silent
+from drivers.sim.controller import EYES, CameraFault, Controller, Drive, Silent
 from drivers.sim.protocol import Json, Message, ProtocolError, receive, send
 from drivers.types import JointAngles, RobotState, SafetyMode, ToolPose
 
@@ -165,6 +166,8 @@ def _robot(controller: Controller, client: int, operation: str, request: Message
         case "move_joints":
             joints = JointAngles(q_rad=request.six("target"))
             controller.move_joints(client, joints, request.number("speed"), request.number("accel"))
+        case "drive":
+            return _drive(controller, client, request)
         case "halt":
             controller.halt()
         case "recover":
@@ -175,6 +178,22 @@ def _robot(controller: Controller, client: int, operation: str, request: Message
         case _:
             raise ProtocolError(f"no operation {operation!r}")
     return Message(values={"ok": True})
+
+
+def _drive(controller: Controller, client: int, request: Message) -> Message:
+    try:
+        safety = SafetyMode(request.text("safety"))
+    except ValueError as error:
+        raise ProtocolError(f"no safety mode {request.text('safety')!r}") from error
+    drive = Drive(
+        q_rad=request.six("q_rad"),
+        moving=request.flag("moving"),
+        safety=safety,
+        outputs=request.whole("outputs"),
+    )
+    driven = controller.drive(client, drive)
+    asked = "" if driven.asked is None else driven.asked.value
+    return Message(values={"ok": True, "inputs": driven.inputs, "asked": asked})
 
 
 class _Handler(socketserver.BaseRequestHandler):

@@ -22,6 +22,8 @@ STEP_S = 0.008
 """Longest stretch of simulated time between two looks at what the jaws touch."""
 CLEAR_M = 0.01
 """The jaws are clear of what they struck when their tips are this far above the tray's walls."""
+LEAD_RAD = 0.01
+"""A led arm is looked at each time its joints turned this far."""
 DROPS_WITHIN_S = 1.5
 """A part that is going to slip does so within this time after the grasp."""
 
@@ -82,6 +84,7 @@ class World:
         self._jaws_close = False
         self._struck: frozenset[int] = frozenset()
         self._blocked = False
+        self._crashed = False
 
     # ------------------------------------------------------------------ what is
 
@@ -128,22 +131,32 @@ class World:
             self.arm.step(part)
             self.time_s += part
             dt -= part
-            if was_moving and self._grip is Grip.OPEN and self._jaws_until is None:
+            if was_moving and not self.arm.led and self._grip is Grip.OPEN and self._jaws_until is None:
                 self._feel()
             if self._jaws_until is not None and self.time_s >= self._jaws_until:
                 self._jaws_arrive()
             if self._held is not None and self._held.slips_after_s is not None:
                 self._slip(part)
 
+    def lead(self, q_rad: Floats, moving: bool) -> None:
+        """The arm goes where another one is, (6,) joint angles; the jaws feel what is on the way."""
+        start = self.arm.q
+        count = max(1, int(np.ceil(float(np.abs(q_rad - start).max()) / LEAD_RAD)))
+        for i in range(1, count + 1):
+            self.arm.lead(start + (q_rad - start) * (i / count), moving)
+            if moving and self._grip is Grip.OPEN and self._jaws_until is None:
+                self._feel()
+
     def _feel(self) -> None:
         """What the open jaws run into on their way."""
         tool, gripper, tray = self.arm.base_from_tool(), self.layout.gripper, self.layout.tray
         tip_z = float(apply(tool, np.array([0.0, 0.0, gripper.tip_beyond_tool_m]))[2])
         if tip_z > tray.centre_m[2] + tray.wall_height_m + CLEAR_M:
-            self._struck, self._blocked = frozenset(), False
+            self._struck, self._blocked, self._crashed = frozenset(), False, False
             return
         hard = jaws.crash(tool, gripper, tray)
-        if hard is not None:
+        if hard is not None and not (self.arm.led and self._crashed):
+            self._crashed = True  # a led arm takes its time to rest, and has to come out again
             self._collide(f"jaws into the {hard}")
             self.arm.stop_for_safety(SafetyMode.PROTECTIVE_STOP)
         for number in sorted(jaws.struck(self._lying, tool, gripper) - self._struck):

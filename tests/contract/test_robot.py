@@ -1,7 +1,9 @@
-"""What every arm promises (DESIGN section 5), over the simulated cell's socket and the double."""
+"""What every arm promises (docs/design.md, section 5): the arm of the simulated cell over its socket, the
+UR driver over RTDE with the unmodified library in its worker, and the double."""
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -19,12 +21,14 @@ from drivers.errors import (
     StaleData,
 )
 from drivers.interfaces import Robot
+from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
 from drivers.sim.devices import SimRobot
 from drivers.timing import MonotonicClock, StopRequested, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, SafetyMode, ToolPose
 from tests.fakes.robot import FakeRobot
 from tests.fakes.simcell import ROOT, SimCell, sim_cell
+from tests.fakes.ur_controller import UrController, free_host, ur_controller
 
 CLOCK = MonotonicClock()
 HOME = JointAngles(q_rad=(2.14, -1.92, 1.91, -1.56, -1.5708, 3.71))
@@ -56,6 +60,22 @@ def cell(running: SimCell) -> Iterator[SimCell]:
     running.mend()
 
 
+@pytest.fixture(scope="module")
+def wire() -> Iterator[UrController]:
+    with ur_controller() as controller:
+        yield controller
+
+
+@pytest.fixture
+def controller(wire: UrController) -> Iterator[UrController]:
+    yield wire
+    wire.mend()
+
+
+def ur(controller: UrController) -> UrRobot:
+    return UrRobot("robot", controller.settings(), CLOCK)
+
+
 def sim(port: int) -> SimRobot:
     return SimRobot("robot", SimRobotSettings(driver="sim", port=port), CLOCK)
 
@@ -71,8 +91,15 @@ def scripted(move_s: float = 0.2, open_error: Exception | None = None) -> FakeRo
     return robot
 
 
-@pytest.fixture(params=["sim", "scripted"])
-def kind(request: pytest.FixtureRequest, cell: SimCell) -> Kind:
+@pytest.fixture(params=["sim", "ur", "scripted"])
+def kind(request: pytest.FixtureRequest, cell: SimCell, controller: UrController) -> Kind:
+    if request.param == "ur":
+        nobody = controller.settings(host=free_host())
+        return Kind(
+            good=lambda: ur(controller),
+            absent=lambda: UrRobot("robot", nobody, CLOCK),
+            stop_for_safety=lambda _: controller.do("protective_stop"),
+        )
     if request.param == "sim":
         return Kind(
             good=lambda: sim(cell.port),
@@ -263,8 +290,92 @@ def test_an_input_wired_from_outside_is_read(arm: SimRobot, cell: SimCell) -> No
     assert arm.read_input(5)
 
 
+# ------------------------------------------------------------------ the UR arm alone
+
+
+@pytest.fixture
+def wired(controller: UrController) -> Iterator[UrRobot]:
+    made = ur(controller)
+    made.open()
+    made.move_joints(HOME, QUICK, StopToken(CLOCK))
+    yield made
+    made.close()
+
+
+def test_what_nobody_should_ask_for_never_gets_to_the_library(
+    wired: UrRobot, controller: UrController, stop: StopToken
+) -> None:
+    here = wired.state().tool
+    commands = controller.status()["commands"]
+    for target in (replace(here, z=math.nan), FAR, replace(here, z=-0.5)):
+        with pytest.raises(CommandRejected):
+            wired.move_line(target, LINE, stop)
+    with pytest.raises(CommandRejected):
+        wired.move_joints(JointAngles(q_rad=HOME.q_rad[:3]), QUICK, stop)  # type: ignore[arg-type]  # too few
+    with pytest.raises(CommandRejected):
+        wired.move_line(here, replace(LINE, speed_m_s=math.inf), stop)
+    assert controller.status()["commands"] == commands
+
+
+def test_an_output_follows_on_the_controller_and_a_pin_that_is_not_there_is_rejected(
+    wired: UrRobot, controller: UrController
+) -> None:
+    for pin in (0, 9, 17):  # one of each group
+        wired.set_output(pin, False)
+        others = controller.status()["outputs"]
+        wired.set_output(pin, True)
+        assert controller.status()["outputs"] == others | 1 << pin
+        wired.set_output(pin, False)
+        assert controller.status()["outputs"] == others
+    for pin in (-1, 18):
+        with pytest.raises(CommandRejected, match="no digital output"):
+            wired.set_output(pin, True)
+
+
+def test_inputs_are_read_by_their_number(wired: UrRobot, controller: UrController, stop: StopToken) -> None:
+    controller.do("inputs", bits=1 << 16 | 1 << 3)
+    stop.wait(0.05)
+    assert [pin for pin in range(18) if wired.read_input(pin)] == [3, 16]
+    controller.do("inputs", bits=0)
+
+
+def test_software_does_not_clear_an_emergency_stop_of_the_wire(
+    wired: UrRobot, controller: UrController, stop: StopToken
+) -> None:
+    controller.do("emergency_stop")
+    try:
+        stop.wait(0.05)
+        with pytest.raises(CommandRejected, match="release the emergency stop"):
+            wired.recover()
+        with pytest.raises(SafetyStop):
+            wired.move_joints(ELSEWHERE, QUICK, stop)
+    finally:
+        controller.do("release")
+    wired.recover()  # a person let go of the button: power and brakes are software's
+    wired.move_joints(HOME, QUICK, stop)
+
+
+def test_after_a_safety_stop_on_the_way_the_old_motion_is_never_taken_up_again(
+    wired: UrRobot, controller: UrController, stop: StopToken
+) -> None:
+    here = wired.state().tool
+    controller.do("protective_stop", at={"moving_s": 0.2})
+    with pytest.raises(SafetyStop):
+        wired.move_line(replace(here, z=here.z - 0.1), CRAWL, stop)
+    stopped_at = controller.status()["tcp"]
+    wired.recover()
+    stop.wait(0.3)
+    assert controller.status()["tcp"] == pytest.approx(stopped_at, abs=1e-5)
+    assert wired.state().tool.six() == pytest.approx(stopped_at, abs=1e-5)
+    assert controller.status()["counts"].get("play", 0) == 0
+    wired.move_joints(HOME, QUICK, stop)
+
+
+# ------------------------------------------------------------------ a client of the simulated cell that dies
+
 DYING_CLIENT = """
 import sys
+from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
 from drivers.sim.devices import SimRobot
 from drivers.timing import MonotonicClock, StopToken

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.errors import DeviceTimeout, DeviceUnavailable, SafetyStop
@@ -11,6 +11,7 @@ from drivers.types import (
     JointAngles,
     JointMotion,
     LineMotion,
+    NotReachable,
     RobotState,
     SafetyMode,
     ToolPose,
@@ -23,6 +24,18 @@ class Call:
 
     what: str
     target: ToolPose | JointAngles | None = None
+
+
+class FakeKinematics:
+    """Knows nothing against any way, but what the test wrote down for ways over a pose of ``against``."""
+
+    def __init__(self) -> None:
+        self.against: dict[ToolPose, NotReachable] = {}
+        self.asked: list[tuple[JointAngles, tuple[ToolPose, ...]]] = []
+
+    def refused(self, start: JointAngles, way: Sequence[ToolPose]) -> NotReachable | None:
+        self.asked.append((start, tuple(way)))
+        return next((self.against[pose] for pose in way if pose in self.against), None)
 
 
 class FakeRobot:
@@ -43,6 +56,7 @@ class FakeRobot:
         self.state_error: Exception | None = None
         self.open_error: Exception | None = None
         self.safety = SafetyMode.NORMAL
+        self.program = True
         self.tool = ToolPose(x=0.3, y=-0.3, z=0.3, rx=3.14159, ry=0.0, rz=0.0)
         self.joints = JointAngles(q_rad=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0))
         self.inputs: dict[int, bool] = {}
@@ -85,7 +99,7 @@ class FakeRobot:
         return RobotState(
             safety=self.safety,
             powered=True,
-            program_running=self.safety is SafetyMode.NORMAL,
+            program_running=self.program and self.safety is SafetyMode.NORMAL,
             tool=self.tool,
             joints=self.joints,
             moving=self._moving,
@@ -137,6 +151,7 @@ class FakeRobot:
         self._need_open()
         self.calls.append(Call(what="recover"))
         self.safety = SafetyMode.NORMAL
+        self.program = True
 
     def set_output(self, pin: int, on: bool) -> None:
         self._need_open()

@@ -21,7 +21,7 @@ from drivers.types import Pixels, PlcCommand, ToolPose
 from tests.fakes.camera import FakeCamera
 from tests.fakes.clock import FakeClock
 from tests.fakes.gripper import FakeGripper
-from tests.fakes.robot import FakeRobot
+from tests.fakes.robot import FakeKinematics, FakeRobot
 from vision import transforms
 from vision.types import Candidate, Floats, Graph, Matches, Refused, Scene, Segments3D, View
 
@@ -48,6 +48,7 @@ class Bench:
 
     clock: FakeClock
     robot: FakeRobot
+    kinematics: FakeKinematics
     gripper: FakeGripper
     left: FakeCamera
     right: FakeCamera
@@ -98,10 +99,12 @@ def bench(pictures: int = 1) -> Bench:
     looks: list[Look] = []
     robot = FakeRobot("robot", clock)
     gripper = FakeGripper("gripper")
+    kinematics = FakeKinematics()
     rig = TwoCameraRig(left, right, settings.cameras.max_skew_s, clock)
     made = Bench(
         clock=clock,
         robot=robot,
+        kinematics=kinematics,
         gripper=gripper,
         left=left,
         right=right,
@@ -109,6 +112,7 @@ def bench(pictures: int = 1) -> Bench:
         station=Station(
             rig=rig,
             robot=robot,
+            kinematics=kinematics,
             gripper=gripper,
             stereo=known.stereo,
             base_from_camera=known.base_from_camera,

@@ -1,4 +1,4 @@
-"""The whole job as the command ``mikado demo``: three processes empty a small tray, and nobody takes the
+"""The whole job as the command ``mikado demo``: its processes empty a small tray, and nobody takes the
 daemon's word for it."""
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from tests.system.processes import ROOT, SPEED, Line, until
 
 STICKS = 4
 
 
+SIM = ("--driver", "sim", "--speed", SPEED)
+UR = ("--driver", "ur")
+
+
 def _demo(out: Path, *more: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "cell", "demo", "--out", str(out), "--speed", SPEED, *more]
+    command = [sys.executable, "-m", "cell", "demo", "--out", str(out), *more]
     return subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -41,10 +46,11 @@ def _children(session: int) -> list[str]:
     return alive
 
 
-def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path) -> None:
+@pytest.mark.parametrize("driver", [SIM, UR], ids=["sim", "ur"])
+def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path, driver: tuple[str, ...]) -> None:
     out = tmp_path / "out"
-    demo = _demo(out, "--sticks", str(STICKS), "--seed", "7")
-    said, errors = demo.communicate(timeout=90.0)
+    demo = _demo(out, *driver, "--sticks", str(STICKS), "--seed", "7")
+    said, errors = demo.communicate(timeout=200.0)
     assert demo.returncode == 0, said + errors
     assert errors == ""
 
@@ -54,6 +60,14 @@ def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path) -> None:
     assert isinstance(cell, dict)
     assert (cell["in_box"], cell["in_tray"], cell["lost"]) == (STICKS, 0, 0)
     assert summary["handshake_errors"] == []
+    arm = summary["simulated_controller"]
+    if driver is UR:  # it was the controller's arm that moved, and its output that closed the jaws
+        assert isinstance(arm, dict)
+        started = arm["moves_started"]
+        assert isinstance(started, int)
+        assert started >= 5 * STICKS
+        assert arm["safety"] == "NORMAL"
+        assert arm["moving"] is False
 
     plc = json.loads((out / "plc.json").read_text())
     assert plc["clean"] is True
@@ -75,14 +89,18 @@ def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path) -> None:
         assert float(np.std(picture)) > 5.0, path  # not an empty canvas
 
 
-def test_a_demo_that_is_told_to_end_takes_its_processes_with_it(tmp_path: Path) -> None:
-    demo = _demo(tmp_path, "--sticks", "12", "--seed", "7")
+@pytest.mark.parametrize("driver", [SIM, UR], ids=["sim", "ur"])
+def test_a_demo_that_is_told_to_end_takes_its_processes_with_it(
+    tmp_path: Path, driver: tuple[str, ...]
+) -> None:
+    demo = _demo(tmp_path, *driver, "--sticks", "12", "--seed", "7")
     assert demo.stdout is not None
     try:
         for line in demo.stdout:
             if "PLC orders" in line:
                 break
-        assert len(_children(demo.pid)) == 4  # itself, the cell, the PLC, the daemon
+        # itself, the cell, the PLC, the daemon; and the controller
+        assert len(_children(demo.pid)) >= (4 if driver is SIM else 5)
         demo.send_signal(signal.SIGTERM)
         _, errors = demo.communicate(timeout=20.0)
         assert demo.returncode == 1

@@ -8,6 +8,7 @@ import pytest
 from cell import calibration, config, frames
 from cell.missed import MissedParts
 from cell.planning import Plan, plan_picks
+from cell.reaching import anywhere
 from tests.fakes.station import DATA, scene, stick
 from vision.types import Candidate, Refusal, Refused
 
@@ -23,7 +24,9 @@ def planned(*candidates: Candidate, take_covered: bool = True) -> tuple[Plan, ..
     assert base_from_camera is not None
     workspace = CELL.workspace.model_copy(update={"take_covered": take_covered})
     tool = frames.transform_of(frames.tool_down(np.array([0.3, -0.3, 0.3]), 0.0))
-    return plan_picks(scene(*candidates), base_from_camera, workspace, CELL.jaws, 0.004, tool, MissedParts())
+    return plan_picks(
+        scene(*candidates), base_from_camera, workspace, CELL.jaws, 0.004, tool, MissedParts(), anywhere
+    )
 
 
 def test_a_covered_part_is_planned_when_nothing_free_is_there() -> None:

@@ -4,22 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
-from cell import cycle
+from cell import cycle, frames
 from cell.cycle import run_order
 from cell.faults import PictureUnusable, VisionFailed
 from cell.station import Stage
-from cell.types import Outcome, PickOrder, PickResult
+from cell.types import Outcome, Pick, PickOrder, PickResult
 from drivers.errors import DeviceTimeout, SafetyStop
 from drivers.timing import StopRequested, StopToken
-from drivers.types import Grip, JointAngles, PlcCommand, ResultCode, SafetyMode, ToolPose
+from drivers.types import (
+    Grip,
+    JointAngles,
+    NotReachable,
+    PlcCommand,
+    ReachLimit,
+    ResultCode,
+    SafetyMode,
+    ToolPose,
+)
 from tests.data.make import STICKS
 from tests.fakes.station import Bench, Point, bench, in_base, order, scene, stick
-from vision.types import Refusal, Refused, Scene
+from vision import transforms
+from vision.types import Candidate, Refusal, Refused, Scene
 
 FREE = stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022))
 SECOND = stick((-0.04, -0.38, 0.022), (0.04, -0.38, 0.022))
@@ -334,6 +344,74 @@ def test_the_next_best_is_taken_when_the_arm_cannot_reach_the_best(see: Callable
     assert result.pose is not None
     assert result.pose.y == pytest.approx(-0.38)
     assert result.refused == {"REACH": 1}
+
+
+FAR = NotReachable(limit=ReachLimit.TOO_FAR, value=0.9, bound=0.81, unit="m", leg=0)
+
+
+def planned_best(see: Callable[..., Eyes], *parts: Candidate) -> Pick:
+    """What would be picked if nothing were known against it."""
+    see(scene(*parts))
+    probe = bench().open()
+    ran(probe, order(command=PlcCommand.VISION_ONLY))
+    best = probe.looks[0].plans[0].pick
+    assert best is not None
+    return best
+
+
+def turned(pose: ToolPose) -> ToolPose:
+    """With the hand turned by half a turn about itself."""
+    half = transforms.make(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    return frames.pose_of(transforms.compose(frames.transform_of(pose), half))
+
+
+@pytest.mark.parametrize("place", ["approach", "grasp", "retreat"])
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [
+        (ReachLimit.TOO_FAR, "REACH"),
+        (ReachLimit.JOINT, "JOINT"),
+        (ReachLimit.ELBOW, "SINGULARITY"),
+        (ReachLimit.SWING, "POSTURE"),
+    ],
+)
+def test_a_place_known_to_be_out_of_reach_is_refused_before_the_arm_is_asked(
+    see: Callable[..., Eyes], place: str, limit: ReachLimit, reason: str
+) -> None:
+    best = planned_best(see, FREE)
+    cell = bench().open()
+    told = replace(FAR, limit=limit)
+    pose: ToolPose = getattr(best, place)
+    cell.kinematics.against = {pose: told, turned(pose): told}
+    cell.robot.reachable = lambda target: pytest.fail("the arm was asked")  # type: ignore[method-assign]
+    result = ran(cell, order())
+    assert (result.code, result.outcome) == (ResultCode.UNREACHABLE, Outcome.NOTHING_GRASPABLE)
+    assert result.refused == {reason: 1}
+    assert lines(cell) == []
+    why = cell.looks[0].plans[0].refused[0]
+    assert (why.value, why.limit, why.unit) == (0.9, 0.81, "m")
+
+
+def test_a_hand_turned_the_other_way_round_may_still_get_there(see: Callable[..., Eyes]) -> None:
+    best = planned_best(see, FREE)
+    cell = bench().open()
+    cell.kinematics.against = {best.grasp: replace(FAR, limit=ReachLimit.JOINT)}
+    result = ran(cell, order())
+    assert result.outcome is Outcome.PICKED
+    assert result.refused == {}
+    assert result.pose is not None
+    assert result.pose.six() == pytest.approx(turned(best.grasp).six())
+
+
+def test_the_way_is_judged_from_where_the_arm_stands(see: Callable[..., Eyes]) -> None:
+    see(scene(FREE))
+    cell = bench().open()
+    ran(cell, order())
+    start, way = cell.kinematics.asked[0]
+    assert start.q_rad == cell.station.workspace.watch_q_rad
+    pick = cell.looks[0].plans[0].pick
+    assert pick is not None
+    assert way == (pick.retreat, pick.approach, pick.grasp)
 
 
 # ------------------------------------------------------------------------------ other commands

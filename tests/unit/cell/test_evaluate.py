@@ -80,7 +80,7 @@ def test_results_are_millimetres_in_the_form_of_the_scoring_program(root: Path, 
 
 
 def test_results_say_how_sure_what_lies_on_what_and_how_long_each_stage_took(root: Path) -> None:
-    ends = np.array([[[300, 200], [450, 200]], [[340, 150], [400, 270]]], np.float64)
+    ends = np.array([[[320, 256], [410, 157]], [[340, 150], [400, 270]]], np.float64)
     write_scene(root, "cross", bars(0, ends), bars(120, ends))
     evaluate(root, root / "out", "default", only=("cross",))
     found = result(root / "out", "cross")
@@ -88,8 +88,8 @@ def test_results_say_how_sure_what_lies_on_what_and_how_long_each_stage_took(roo
     assert isinstance(detections, list)
     assert len(detections) == 2
     for detection in detections:
-        assert 0 < detection["sigma_mm"] < 10
-        assert 0 < detection["sigma_deg"] < 10
+        assert 0 < detection["sigma_mm"] < 5
+        assert 0 < detection["sigma_deg"] < 5
     crossings = found["crossings"]
     assert isinstance(crossings, list)
     (crossing,) = crossings

@@ -17,12 +17,19 @@ from drivers.errors import (
     DeviceTimeout,
     DeviceUnavailable,
     DriverError,
+    NotInRemote,
     SafetyStop,
     StaleData,
 )
 from drivers.types import ResultCode, SafetyMode
 
-KINDS: tuple[type[DriverError], ...] = (DeviceUnavailable, DeviceTimeout, StaleData, CommandRejected)
+KINDS: tuple[type[DriverError], ...] = (
+    DeviceUnavailable,
+    DeviceTimeout,
+    StaleData,
+    CommandRejected,
+    NotInRemote,
+)
 DEVICES = ("camera.left", "camera.right", "rig", "robot", "gripper", "plc")
 HUNDREDS = {"camera": 2, "rig": 2, "robot": 4, "gripper": 5, "plc": 6}
 

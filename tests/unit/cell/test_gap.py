@@ -7,6 +7,7 @@ import numpy as np
 from cell import calibration, config, frames
 from cell.missed import MissedParts
 from cell.planning import Plan, plan_picks
+from cell.reaching import anywhere
 from tests.fakes.station import DATA, scene, stick
 from vision.types import Candidate
 
@@ -22,7 +23,7 @@ def planned(*candidates: Candidate) -> tuple[Plan, ...]:
     assert base_from_camera is not None
     tool = frames.transform_of(frames.tool_down(np.array([0.3, -0.3, 0.3]), 0.0))
     return plan_picks(
-        scene(*candidates), base_from_camera, CELL.workspace, CELL.jaws, 0.004, tool, MissedParts()
+        scene(*candidates), base_from_camera, CELL.workspace, CELL.jaws, 0.004, tool, MissedParts(), anywhere
     )
 
 

@@ -240,7 +240,15 @@ def test_thick_neighbours_need_more_room_than_thin_ones() -> None:
         replace(stick((-0.04, -0.468, 0.022), (0.04, -0.468, 0.022)), part_code=2),
     )
     tool = frames.transform_of(frames.tool_down(np.zeros(3), 0.0))
-    where = (station.base_from_camera, station.workspace, station.jaws, 0.004, tool, station.missed)
+    where = (
+        station.base_from_camera,
+        station.workspace,
+        station.jaws,
+        0.004,
+        tool,
+        station.missed,
+        lambda pick: pick,
+    )
     picks = [plan_picks(seen, *where, 1, thickest_m) for thickest_m in (None, 0.009)]
 
     assert [len(plans) for plans in picks] == [1, 1]

@@ -360,6 +360,17 @@ def test_a_safety_stop_while_idle_is_a_fault_and_only_one(cell: Cell) -> None:
     assert seen[0].emergency_stop
 
 
+def test_a_program_that_was_ended_at_the_panel_is_a_fault_before_the_next_order(cell: Cell) -> None:
+    cell.at(0.3, lambda: setattr(cell.bench.robot, "program", False))
+    cell.send(0.8, Event.RESET)
+    seen: list[CellReport] = []
+    for when_s in (0.7, 1.2):
+        cell.at(when_s, lambda: seen.append(cell.reports.get()))
+    cell.run(1.3)
+    assert [(one.state, one.fault_code) for one in seen] == [(State.ABORTED, 421), (State.IDLE, 0)]
+    assert cell.bench.robot.targets == []
+
+
 def test_a_reset_while_the_cause_is_still_there_ends_aborted_again(cell: Cell) -> None:
     cell.bench.robot.recover = lambda: None  # type: ignore[method-assign]  # a stop software cannot clear
     cell.at(0.3, lambda: setattr(cell.bench.robot, "safety", SafetyMode.EMERGENCY_STOP))

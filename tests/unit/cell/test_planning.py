@@ -10,6 +10,7 @@ import pytest
 from cell import calibration, config, frames
 from cell.missed import MissedParts
 from cell.planning import Plan, PlanRefusal, plan_picks
+from cell.reaching import anywhere
 from cell.types import Pick
 from tests.fakes.station import DATA, Point, scene, stick
 from vision import transforms
@@ -35,7 +36,7 @@ def lying(
 
 def planned(seen: Scene, tool: Transform = TOOL_AT_REST) -> tuple[Plan, ...]:
     assert BASE_FROM_CAMERA is not None
-    return plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, tool, MissedParts())
+    return plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, tool, MissedParts(), anywhere)
 
 
 def only_pick(*candidates: Candidate, **others: list[tuple[Point, Point]]) -> Pick:
@@ -209,7 +210,7 @@ def test_after_a_miss_the_same_part_is_gripped_somewhere_else() -> None:
     missed.remember(first.grasp, np.array([0.0, -0.45, LYING_Z]))
     seen = scene(stick(*lying(0.0, -0.45, 0.0)))
     assert BASE_FROM_CAMERA is not None
-    plans = plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, TOOL_AT_REST, missed)
+    plans = plan_picks(seen, BASE_FROM_CAMERA, WORKSPACE, JAWS, DIAMETER_M, TOOL_AT_REST, missed, anywhere)
     again = plans[0].pick
     assert again is not None
     assert math.dist(again.grasp.six()[:2], first.grasp.six()[:2]) >= 0.010

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.sim.arm import MotionEnd, Refused
 from drivers.sim.cell import load_world
-from drivers.sim.controller import CameraFault, Controller, Silent
+from drivers.sim.controller import EXPOSURE_KEPT_S, CameraFault, Controller, Silent
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import eyes
 from drivers.sim.world import World
@@ -148,7 +148,7 @@ def test_both_eyes_develop_the_same_instant_and_the_next_pair_a_new_one(
     assert controller.grab("left", 99.0, 1.0).captured_at == pytest.approx(100.2)
 
 
-@pytest.mark.parametrize(("newer_than", "wait_s"), [(100.05, 0.1), (99.0, 0.6)])
+@pytest.mark.parametrize(("newer_than", "wait_s"), [(100.05, 0.1), (99.0, EXPOSURE_KEPT_S + 0.1)])
 def test_an_instant_too_early_or_too_long_ago_is_not_developed(
     controller: Controller, clock: FakeClock, newer_than: float, wait_s: float
 ) -> None:

@@ -1,0 +1,1 @@
+"""Grippers: on outputs of the arm, and Robotiq over its URCap."""
