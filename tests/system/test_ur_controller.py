@@ -179,7 +179,11 @@ def test_it_picks_a_stick_in_the_simulated_cell() -> None:
         assert (world["in_tray"], world["holding"], world["collisions"]) == (0, True, 0)
         cell.fault("protective_stop")
         ur.wait(safety="PROTECTIVE_STOP")
-        assert cell.ask("state").text("safety") == "protective_stop"
+        # the controller tells the cell in its next message, and one from before may still be on its way
+        ends_at = time.monotonic() + 2.0
+        while cell.ask("state").text("safety") != "protective_stop":
+            assert time.monotonic() < ends_at, "the cell was not told of the stop"
+            time.sleep(0.005)
 
 
 def test_a_lost_cell_is_a_cut_cable_and_a_new_one_is_found() -> None:
