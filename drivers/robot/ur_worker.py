@@ -259,7 +259,8 @@ def connect(host: str, frequency: float, flags: int) -> Control:
     while not control.isProgramRunning():
         if time.monotonic() > until:
             raise RuntimeError("the control program was sent but does not run")
-        time.sleep(0.01)  # no token reaches this process before it says it is ready; its driver ends it if late
+        # no token reaches this process before it is ready; its driver ends it if that takes too long
+        time.sleep(0.01)
     return control
 
 
