@@ -14,7 +14,7 @@ import pytest
 from bench.mixed import Heap, heaps
 from bench.piles import write_rig, write_scene
 from bench.rigs import WEBCAM, rig_text
-from cell import config, cycle, frames
+from cell import config, cycle, frames, products
 from cell.cli import main
 from cell.config import PartConfig, heap_of
 from cell.cycle import run_order
@@ -123,7 +123,7 @@ def test_parts_are_told_apart_by_length_thickness_or_colour(
 
 
 def test_what_counts_as_another_thickness_is_refused_by_the_detector() -> None:
-    assert max(WIDTH_SHARE[1], 1 / WIDTH_SHARE[0]) < config.TOLD_BY_WIDTH
+    assert max(WIDTH_SHARE[1], 1 / WIDTH_SHARE[0]) < products.TOLD_BY_WIDTH
 
 
 # ------------------------------------------------------------------------------ orders
