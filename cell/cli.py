@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Final, NoReturn, TypeVar
 from rich.console import Console
 
 from cell import logs, origin
+from cell.commands import GROUPS
 from cell.errors import CalibrationError, ConfigError, UsageError
 
 Number = TypeVar("Number", int, float)
@@ -94,7 +95,8 @@ def _run(arguments: argparse.Namespace) -> int:
                 deadline_s=arguments.deadline_s,
             )
         )
-    raise AssertionError(command)
+    run: Callable[[argparse.Namespace], int] = arguments.run
+    return run(arguments)
 
 
 def _check(path: Path) -> int:
@@ -247,6 +249,8 @@ def parser() -> argparse.ArgumentParser:
         "--speed", type=_positive, help="simulated seconds per second (default: 1 with ur, 4 with sim)"
     )
     demo.add_argument("--deadline-s", type=_positive, default=240.0)
+    for add in GROUPS:
+        add(commands)
     return root
 
 

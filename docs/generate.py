@@ -151,14 +151,22 @@ def configuration() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _sub_commands(parser: argparse.ArgumentParser, name: str) -> list[str]:
+    lines: list[str] = []
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word, sub in action.choices.items():
+                lines += [f"\n## {name} {word}\n", "```", sub.format_help().rstrip(), "```"]
+                lines += _sub_commands(sub, f"{name} {word}")
+    return lines
+
+
 def commands() -> str:
     """The command page."""
     os.environ["COLUMNS"] = "100"
     parser = cli.parser()
     lines = ["# Commands\n", NOTE, "```", parser.format_help().rstrip(), "```"]
-    actions = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    for name, sub in actions[0].choices.items():
-        lines += [f"\n## mikado {name}\n", "```", sub.format_help().rstrip(), "```"]
+    lines += _sub_commands(parser, "mikado")
     lines += ["\nExit codes: 0 done, 1 failed, 2 usage, 78 configuration or calibration unusable."]
     return "\n".join(lines) + "\n"
 
