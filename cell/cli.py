@@ -89,6 +89,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 config=arguments.config,
                 out=arguments.out,
                 driver=arguments.driver,
+                plc=arguments.plc,
                 sticks=arguments.sticks,
                 seed=arguments.seed,
                 speed=arguments.speed or (1.0 if ur else 4.0),
@@ -244,6 +245,12 @@ def parser() -> argparse.ArgumentParser:
         choices=("ur", "sim"),
         default="ur",
         help="ur: the arm's driver against a simulated controller; sim: the simulated cell's own arm",
+    )
+    demo.add_argument(
+        "--plc",
+        choices=("server", "client"),
+        default="server",
+        help="the PLC's role on Modbus TCP; server: the cell polls it; client: it polls the cell",
     )
     demo.add_argument(
         "--speed", type=_positive, help="simulated seconds per second (default: 1 with ur, 4 with sim)"

@@ -9,6 +9,7 @@ from drivers.settings import (
     CameraSettings,
     GripperSettings,
     ModbusPlcSettings,
+    ModbusServerPlcSettings,
     PlcSettings,
     ReplayCameraSettings,
     RobotIoGripperSettings,
@@ -146,5 +147,9 @@ class Factory:
                 from drivers.plc.modbus import ModbusPlc
 
                 return ModbusPlc(name, settings, self.clock)
+            case ModbusServerPlcSettings():
+                from drivers.plc.server import ModbusServerPlc
+
+                return ModbusServerPlc(name, settings, self.clock)
             case _:
                 assert_never(settings)

@@ -1,5 +1,6 @@
-"""The words behind `drivers.interfaces.Plc`, kept by the double and by the Modbus driver over real sockets:
-against servers that do all they are asked, refuse, stay silent, talk nonsense, hang up or are absent.
+"""The words behind `drivers.interfaces.Plc`, kept by the double and by the Modbus drivers of both roles over
+real sockets. The role in which the PLC is the server meets servers that do all they are asked, refuse, stay
+silent, talk nonsense, hang up or are absent; the other role's own tests are in `test_plc_server.py`.
 
 Real time passes here because time limits are the subject; every wait ends by an event or by its limit.
 """
@@ -13,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -20,11 +22,13 @@ import pytest
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
 from drivers.interfaces import Plc
 from drivers.plc.modbus import ModbusPlc
+from drivers.plc.server import ModbusServerPlc
 from drivers.plc_codec import WordOrder
-from drivers.settings import ModbusPlcSettings
+from drivers.settings import ModbusPlcSettings, ModbusServerPlcSettings
 from drivers.timing import MonotonicClock
 from drivers.types import PlcOutputs, ToolPose
 from tests.fakes.clock import FakeClock
+from tests.fakes.modbuswire import polling
 from tests.fakes.plc import IDLE, FakePlc
 
 ROOT = Path(__file__).parents[2]
@@ -136,12 +140,55 @@ def silent(connection: socket.socket) -> None:
 # the words of the interface
 
 
-@pytest.fixture(params=["modbus", "scripted"])
+@contextlib.contextmanager
+def serving(port: int, timeout_s: float = LIMIT_S) -> Iterator[ModbusServerPlc]:
+    """The cell as the server."""
+    settings = ModbusServerPlcSettings(
+        driver="modbus_server", bind="127.0.0.1", port=port, peers=("127.0.0.1",), timeout_s=timeout_s
+    )
+    plc = ModbusServerPlc("plc", settings, CLOCK)
+    try:
+        yield plc
+    finally:
+        plc.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Role:
+    """A driver, and peers for it that do what they should and that are there and say nothing."""
+
+    plc: Plc
+    obliging: Callable[[], contextlib.AbstractContextManager[object]]
+    silent: Callable[[], contextlib.AbstractContextManager[object]]
+
+
+@pytest.fixture(params=["cell polls", "PLC polls"])
+def role(request: pytest.FixtureRequest) -> Iterator[Role]:
+    """Both roles over real sockets, with nobody at the other end yet."""
+    port = free_port()
+    if request.param == "cell polls":
+        with modbus(port) as client:
+            yield Role(plc=client, obliging=lambda: bare(obliging, port), silent=lambda: bare(silent, port))
+        return
+    with serving(port) as server:
+        yield Role(
+            plc=server,
+            obliging=lambda: polling(port),
+            silent=lambda: socket.create_connection(("127.0.0.1", port)),
+        )
+
+
+@pytest.fixture(params=["modbus", "modbus_server", "scripted"])
 def plc(request: pytest.FixtureRequest) -> Iterator[Plc]:
     if request.param == "scripted":
         yield FakePlc(FakeClock(), [IDLE])
         return
-    with bare(obliging) as server, modbus(server.port) as plc:
+    if request.param == "modbus":
+        with bare(obliging) as server, modbus(server.port) as plc:
+            yield plc
+        return
+    port = free_port()
+    with serving(port) as plc, polling(port):
         yield plc
 
 
@@ -157,6 +204,58 @@ def test_an_open_plc_exchanges_and_may_be_closed_twice_and_opened_again(plc: Plc
 def test_closing_what_was_never_opened_is_allowed(plc: Plc) -> None:
     plc.close()
     assert plc.name == "plc"
+
+
+def test_a_closed_plc_exchanges_nothing(role: Role) -> None:
+    with pytest.raises(DeviceUnavailable, match="not open"):
+        role.plc.exchange(PlcOutputs())
+
+
+def test_whoever_comes_after_open_is_found_by_the_next_exchange(role: Role) -> None:
+    with contextlib.suppress(DeviceUnavailable):  # only a client can know at once that nobody is there
+        role.plc.open()
+    with pytest.raises((DeviceUnavailable, DeviceTimeout)):
+        role.plc.exchange(PlcOutputs())
+    with role.obliging():
+        for _ in range(3):
+            assert role.plc.exchange(PlcOutputs()).map_version == 1
+
+
+def test_whoever_is_there_and_says_nothing_costs_the_time_limit_and_no_more(role: Role) -> None:
+    with contextlib.suppress(DeviceUnavailable):
+        role.plc.open()
+    with role.silent():
+        for _ in range(3):
+            started = time.monotonic()
+            with pytest.raises(DeviceTimeout):
+                role.plc.exchange(PlcOutputs())
+            assert LIMIT_S * 0.9 <= time.monotonic() - started < LIMIT_S + MARGIN_S
+
+
+def test_whoever_goes_is_missed_and_found_again(role: Role) -> None:
+    with contextlib.suppress(DeviceUnavailable):
+        role.plc.open()
+    for _ in range(2):
+        with role.obliging():
+            assert role.plc.exchange(PlcOutputs()).map_version == 1
+        with pytest.raises((DeviceUnavailable, DeviceTimeout)):
+            role.plc.exchange(PlcOutputs())
+
+
+def test_what_was_read_is_no_younger_than_the_answer(role: Role) -> None:
+    with contextlib.suppress(DeviceUnavailable):
+        role.plc.open()
+    with role.obliging():
+        asked_at = time.monotonic()
+        got = role.plc.exchange(PlcOutputs())
+        assert asked_at <= got.read_at <= time.monotonic()
+
+
+def test_outputs_that_do_not_fit_are_refused_in_either_role(role: Role) -> None:
+    with contextlib.suppress(DeviceUnavailable):
+        role.plc.open()
+    with role.obliging(), pytest.raises(ValueError, match=r"status\.result_detail: 70000"):
+        role.plc.exchange(PlcOutputs(result_detail=70000))
 
 
 def test_constructing_connects_to_nothing() -> None:
@@ -417,3 +516,24 @@ def test_one_exchange_is_these_bytes_and_no_others() -> None:
     assert (inputs.cmd_seq, inputs.cmd_code, inputs.recipe) == (7, 1, 4)
     assert (inputs.max_attempts, inputs.speed_percent, inputs.result_ack_seq) == (2, 30, 6)
     assert abs(inputs.read_at - time.monotonic()) < 5.0
+
+
+def test_the_test_registers_are_written_once_per_connection_where_configured() -> None:
+    seen: list[bytes] = []
+
+    def recording(connection: socket.socket) -> None:
+        while asked := request(connection):
+            seen.append(asked[7:])
+            connection.sendall(good_answer(asked))
+
+    with bare(recording) as server:
+        wanted = settings(server.port).model_copy(update={"test_base": 200})
+        plc = ModbusPlc("plc", wanted, CLOCK)
+        for _ in range(2):
+            plc.open()
+            plc.exchange(PlcOutputs())
+            plc.exchange(PlcOutputs())
+            plc.close()
+    tests = [pdu for pdu in seen if pdu[:3] == b"\x10\x00\xc8"]
+    assert tests == [bytes.fromhex("10 00c8 0008 10 1234 cfc7 12345678 fffe1dc0 0001 0001")] * 2
+    assert len(seen) == 10
