@@ -22,7 +22,7 @@ Talk = Callable[[random.Random, socket.socket], None]
 
 
 def harmless(pdu: bytes) -> bool:
-    """True unless this is a well-formed write into the command block or its coils (then it must not be sent)."""
+    """False for what may be a write into the command block or its coils; that is not sent."""
     if len(pdu) < 5 or pdu[0] not in (5, 6, 15, 16, 22, 23):
         return True
     first = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Iterator, Sequence
 
 from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS
@@ -68,13 +69,15 @@ def write_words(peer: socket.socket, address: int, values: Sequence[int]) -> Non
 
 
 class PollingPlc:
-    """A PLC that is the client: writes its command block and reads the status block, again and again."""
+    """A PLC that is the client: writes its command block and reads the status block, again and again; its
+    heartbeat counts. ``slowest_s`` is the longest it waited for both answers."""
 
     def __init__(self, port: int, period_s: float = 0.01, command: Sequence[int] = QUIET) -> None:
         self.command = list(command)
         self.status: list[int] = []
         self.polls = 0
         self.errors: list[str] = []
+        self.slowest_s = 0.0
         self._port = port
         self._period_s = period_s
         self._stop = threading.Event()
@@ -89,8 +92,11 @@ class PollingPlc:
             try:
                 with socket.create_connection(("127.0.0.1", self._port), timeout=2.0) as peer:
                     while not self._stop.wait(self._period_s):
+                        self.command[1] = (self.command[1] + 1) & 0xFFFF
+                        began_at = time.monotonic()
                         write_words(peer, 0, self.command)
                         self.status = read_words(peer, 4, 0, STATUS_WORDS)
+                        self.slowest_s = max(self.slowest_s, time.monotonic() - began_at)
                         self.polls += 1
             except ConnectionRefusedError:
                 self._stop.wait(self._period_s)
