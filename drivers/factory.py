@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GripperSettings,
@@ -153,3 +153,10 @@ class Factory:
                 return ModbusServerPlc(name, settings, self.clock)
             case _:
                 assert_never(settings)
+
+    def cell_server(self, settings: ModbusServerPlcSettings) -> CellServer:
+        """The registers of a daemon with these settings, from the PLC's side."""
+        from drivers.sim.plc_client import CellRegisters
+
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(settings.bind, settings.bind)
+        return CellRegisters(host, settings.port, settings.word_order)

@@ -32,6 +32,29 @@ def add(commands: Commands) -> None:
     export.add_argument("--out", type=Path, required=True, metavar="FILE")
     export.set_defaults(run=_export)
 
+    verify = actions.add_parser(
+        "verify", help="walk through the handshake with the PLC, or with the daemon as its PLC; moves nothing"
+    )
+    verify.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="its section plc is used")
+    verify.add_argument("--host", help="instead of CONFIG: where the PLC (with --as-plc: the daemon) listens")
+    verify.add_argument("--port", type=int, help="with --host (default: 502)")
+    verify.add_argument(
+        "--word-order", dest="order", choices=("big", "little"), help="with --host (default: big)"
+    )
+    verify.add_argument(
+        "--as-plc",
+        action="store_true",
+        help="play the PLC against a running daemon that is the server; take the real PLC off the line first",
+    )
+    verify.add_argument("--orders", type=int, default=3, metavar="N", help="whole handshakes (default: 3)")
+    verify.add_argument(
+        "--wait-s", type=float, default=30.0, help="longest wait for what the other side has to do"
+    )
+    verify.add_argument(
+        "--bits", action="store_true", help="wait until hold, abort and reset have been switched by hand"
+    )
+    verify.set_defaults(run=_verify)
+
 
 def _export(arguments: argparse.Namespace) -> int:
     from cell.errors import UsageError
@@ -46,3 +69,48 @@ def _export(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"--out {out}: cannot be written: {error.strerror}") from error
     return 0
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from pydantic import ValidationError
+    from rich.console import Console
+
+    from cell import config
+    from cell.commission.plc_verify import verify
+    from cell.errors import UsageError
+    from drivers.settings import ModbusPlcSettings, ModbusServerPlcSettings, PlcSettings
+
+    if arguments.orders < 1 or not 0.0 < arguments.wait_s < 3600.0:
+        raise UsageError("--orders is at least 1, --wait-s above 0 and below 3600")
+    settings: PlcSettings
+    if arguments.config is not None:
+        given = [n for n in ("host", "port", "order") if getattr(arguments, n) is not None]
+        if given:
+            raise UsageError("give a CONFIG, or --host with --port and --word-order, not both")
+        settings = config.load(arguments.config).plc
+    elif arguments.host is not None:
+        address = {
+            "port": arguments.port if arguments.port is not None else 502,
+            "word_order": arguments.order or "big",
+        }
+        try:
+            if arguments.as_plc:
+                settings = ModbusServerPlcSettings.model_validate(
+                    {"driver": "modbus_server", "bind": arguments.host, "peers": [arguments.host], **address}
+                )
+            else:
+                settings = ModbusPlcSettings.model_validate(
+                    {"driver": "modbus", "host": arguments.host, **address}
+                )
+        except ValidationError as error:
+            raise UsageError(f"--host, --port: {error.errors()[0]['msg']}") from error
+    else:
+        raise UsageError("plc verify needs a CONFIG, or --host")
+    return verify(
+        settings,
+        as_plc=arguments.as_plc,
+        orders=arguments.orders,
+        wait_s=arguments.wait_s,
+        bits=arguments.bits,
+        console=Console(soft_wrap=True, highlight=False),
+    )

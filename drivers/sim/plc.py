@@ -32,7 +32,7 @@ from drivers.errors import CommandRejected
 from drivers.plc_codec import WordOrder, decode_status, encode_command
 from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS, TEST_WORDS
 from drivers.sim import arguments as cli
-from drivers.sim.plc_client import CellServer, poll
+from drivers.sim.plc_client import CellRegisters, poll
 from drivers.sim.plc_program import PlcProgram, Task, Value
 from drivers.timing import Clock, MonotonicClock
 
@@ -270,7 +270,7 @@ def _poll(program: PlcProgram, args: argparse.Namespace, clock: Clock) -> int:
     lines = Lines()
     lines.write({"event": "polling", "ready": True, "host": host, "port": port, "at": clock.now()})
     try:
-        poll(program, CellServer(host, port, args.word_order), clock, lines.write)
+        poll(program, CellRegisters(host, port, args.word_order), clock, lines.write)
     except CommandRejected as error:
         sys.stderr.write(f"simulated PLC: {error}\n")
         return 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 from collections.abc import Callable, Mapping, Sequence
 from types import FrameType
@@ -47,7 +48,7 @@ class _Client(Protocol):
     def write_registers(self, address: int, values: Sequence[int]) -> _Answer: ...
 
 
-class CellServer:
+class CellRegisters:
     """The cell's registers as a PLC sees them over the wire; every call makes a connection where none is.
 
     Raises
@@ -108,6 +109,7 @@ class CellServer:
 
     def _connected(self) -> _Client:
         if self._client is None:
+            logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # our caller gets an exception
             host, port = self._where
             client = cast(_Client, ModbusTcpClient(host, port=port, timeout=self._timeout_s, retries=0))
             if not client.connect():
@@ -133,7 +135,7 @@ def window_of(block: Block, area: Area) -> Window:
 
 
 def poll(
-    program: PlcProgram, cell: CellServer, clock: Clock, tell: Callable[[Mapping[str, Value]], None]
+    program: PlcProgram, cell: CellRegisters, clock: Clock, tell: Callable[[Mapping[str, Value]], None]
 ) -> None:
     """Scan the program and poll the cell until the program has ended or a signal comes."""
     asked_to_end = StopToken(clock)

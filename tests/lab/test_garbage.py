@@ -15,7 +15,7 @@ from drivers.types import PlcCommand
 from tests.fakes.modbusnoise import TALKS, Noise
 from tests.fakes.modbuswire import PollingPlc, polling
 from tests.fakes.simcell import sim_cell
-from tests.system.processes import SPEED, daemon, free_port, orders, until, write_config
+from tests.system.processes import SPEED, Line, daemon, free_port, orders, until, write_config
 
 SHORT_S = 4.0
 SLOWEST_S = 1.0
@@ -56,7 +56,7 @@ def test_nonsense_changes_nothing_and_keeps_nobody_from_working(
     asked: float | None = pytestconfig.getoption("--garbage-s")
     lasts_s = SHORT_S if asked is None else asked
     port = free_port()
-    server = {
+    server: Line = {
         "driver": "modbus_server",
         "bind": "127.0.0.1",
         "peers": ["127.0.0.1", "127.0.0.2"],
@@ -64,7 +64,7 @@ def test_nonsense_changes_nothing_and_keeps_nobody_from_working(
     }
     with (
         sim_cell("--speed", SPEED, "--seed", "7", "--sticks", "1") as cell,
-        daemon(write_config(tmp_path, cell.port, port, plc=dict(server))) as running,
+        daemon(write_config(tmp_path, cell.port, port, plc=server)) as running,
         polling(port, 0.02) as plc,
     ):
         running.started()
