@@ -27,8 +27,8 @@ test: $(VENV)/.dev  ## all tests that need no hardware
 	$(BIN)/pytest -q -n 2 --dist loadfile
 
 PICKS ?= 200
-soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N)
-	$(BIN)/pytest -q -s tests/lab --picks $(PICKS)
+soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N); a minute of Modbus nonsense
+	$(BIN)/pytest -q -s tests/lab --picks $(PICKS) --garbage-s 60
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .
