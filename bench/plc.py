@@ -52,18 +52,18 @@ Role: TypeAlias = Literal["server", "client"]
 
 STAGES: Final = (
     ("PLC edge to order journaled", "edge", "order_accepted"),
-    ("journaled to accepted seen by the PLC", "order_accepted", "seen"),
+    ("journaled to accepted seen", "order_accepted", "seen"),
     ("= PLC edge to accepted", "edge", "seen"),
-    ("journaled to cell thread at work", "order_accepted", "order_started"),
-    ("at work to way cleared for a look", "order_started", "clear"),
-    ("that to the arm having its motion", "clear", "moved"),
-    ("= PLC edge to first motion command", "edge", "moved"),
-    ("motion to arm out of the way", "moved", "look"),
-    ("look (two rendered pictures)", "look", "find"),
-    ("find (first certain part)", "find", "plan"),
+    ("journaled to cell at work", "order_accepted", "order_started"),
+    ("at work to first motion sent", "order_started", "clear"),
+    ("sent to arm's count of motions", "clear", "moved"),
+    ("= PLC edge to first motion", "edge", "moved"),
+    ("motion to look", "moved", "look"),
+    ("look (rendered pictures)", "look", "find"),
+    ("find (first certain)", "find", "plan"),
     ("plan", "plan", "fetch"),
-    ("sent to the part to arm's motion", "fetch", "fetching"),
-    ("= PLC edge to motion to the part", "edge", "fetching"),
+    ("sent to arm's count of motions ", "fetch", "fetching"),
+    ("= PLC edge to motion to part", "edge", "fetching"),
 )
 
 

@@ -16,6 +16,7 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    field_validator,
     model_validator,
 )
 
@@ -307,21 +308,26 @@ class ModbusServerPlcSettings(Settings):
         default=0.3, description="the PLC reads the status word at least this often while all is well"
     )
 
-    @model_validator(mode="after")
-    def _numbers(self) -> Self:
+    @field_validator("bind")
+    @classmethod
+    def _address(cls, bind: str) -> str:
         try:
-            ipaddress.ip_address(self.bind)
+            ipaddress.ip_address(bind)
         except ValueError as error:
-            raise ValueError(f"bind {self.bind!r} is not an address in numbers, such as 192.0.2.5") from error
-        for peer in self.peers:
+            raise ValueError(f"{bind!r} is not an address in numbers, such as 192.0.2.5") from error
+        return bind
+
+    @field_validator("peers")
+    @classmethod
+    def _networks(cls, peers: tuple[str, ...]) -> tuple[str, ...]:
+        for peer in peers:
             try:
                 ipaddress.ip_network(peer, strict=False)
             except ValueError as error:
                 raise ValueError(
-                    f"peers: {peer!r} is neither an address nor a network in numbers, such as 192.0.2.20 or "
-                    "192.0.2.64/28"
+                    f"{peer!r} is neither an address nor a network in numbers, such as 192.0.2.20 or 192.0.2.64/28"
                 ) from error
-        return self
+        return peers
 
 
 PlcSettings = Annotated[ModbusPlcSettings | ModbusServerPlcSettings, Field(discriminator="driver")]

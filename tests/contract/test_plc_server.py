@@ -408,8 +408,8 @@ def test_an_address_of_another_computer_is_said() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"bind": "cell.example"}, "bind 'cell.example' is not an address in numbers"),
-        ({"peers": ["plc"]}, "peers: 'plc' is neither an address nor a network"),
+        ({"bind": "cell.example"}, "'cell.example' is not an address in numbers"),
+        ({"peers": ["plc"]}, "'plc' is neither an address nor a network"),
         ({"peers": []}, "at least 1 item"),
         ({"max_connections": 0}, "greater than or equal to 1"),
     ],
@@ -431,6 +431,16 @@ def test_closing_ends_connections_and_the_thread_at_once() -> None:
         assert not any(thread.name == "plc-server" for thread in threading.enumerate())
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", port), timeout=2.0)
+
+
+def test_a_server_that_has_ended_by_itself_is_started_again_by_the_next_exchange() -> None:
+    with serving(timeout_s=2.0) as (plc, port):
+        assert plc._server is not None
+        assert plc._thread is not None
+        plc._server.end()
+        plc._thread.join(5.0)
+        with polling(port):
+            assert plc.exchange(OUTPUTS).map_version == 1
 
 
 def test_the_library_writes_nothing_on_stderr() -> None:
