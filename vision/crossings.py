@@ -21,6 +21,8 @@ LEAST_SIGMA_D = 0.15
 """Disparity of a crossing is never known better than this share of one diameter's."""
 SEEN = 0.3
 """Least strength of a flank that is seen."""
+DOUBT_WEIGHT, LEAST_DOUBT = 0.5, 0.05
+"""What a crossing weighs on the part that seems to lie above, where nothing tells; less than this is none."""
 MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
 
 Counts = npt.NDArray[np.int32]
@@ -70,6 +72,9 @@ def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
     Parts that are not offered stay where they are and go on weighing on what is below them.
     """
     weight = found.above * np.minimum(found.sure, 2.0) / 2.0
+    # who seems to lie above, but hardly, may lie below
+    doubt = np.where(found.above > 0, DOUBT_WEIGHT * np.exp(-0.5 * found.sure**2), 0.0)
+    weight = weight + np.where(doubt > LEAST_DOUBT, doubt, 0.0).T
     taken: list[int] = _ranked(weight, worth, np.array(offered, np.bool_)).tolist()
     return taken
 
