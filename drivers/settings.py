@@ -325,7 +325,8 @@ class ModbusServerPlcSettings(Settings):
                 ipaddress.ip_network(peer, strict=False)
             except ValueError as error:
                 raise ValueError(
-                    f"{peer!r} is neither an address nor a network in numbers, such as 192.0.2.20 or 192.0.2.64/28"
+                    f"{peer!r} is neither an address nor a network in numbers, such as 192.0.2.20 or "
+                    "192.0.2.64/28"
                 ) from error
         return peers
 

@@ -6,7 +6,7 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS
 
@@ -118,3 +118,68 @@ def polling(port: int, period_s: float = 0.01, command: Sequence[int] = QUIET) -
         yield plc
     finally:
         plc.close()
+
+
+class BareServer:
+    """Listens on loopback and hands every connection, one after the other, to ``talk``."""
+
+    def __init__(self, talk: Callable[[socket.socket], None], port: int = 0) -> None:
+        self._talk = talk
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self.port = int(self._listener.getsockname()[1])
+        self.connections = 0
+        self.received = b""
+        self._open: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._run, name="bare-server")
+        self._thread.start()
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = self._listener.accept()
+                self.connections += 1
+                self._open.append(connection)
+                with contextlib.suppress(OSError), connection:
+                    self._talk(connection)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        for connection in self._open:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+        self._thread.join(5.0)
+        assert not self._thread.is_alive()
+
+
+@contextlib.contextmanager
+def bare(talk: Callable[[socket.socket], None], port: int = 0) -> Iterator[BareServer]:
+    server = BareServer(talk, port)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def reply(asked: bytes, pdu: bytes) -> bytes:
+    """The answer frame to this request."""
+    return asked[:4] + (len(pdu) + 1).to_bytes(2, "big") + asked[6:7] + pdu
+
+
+def good_answer(asked: bytes, words: list[int] | None = None) -> bytes:
+    """What a PLC that does all it is asked says."""
+    if asked[7] == 16:
+        return reply(asked, asked[7:12])
+    block = words or [1, *([0] * 23)]
+    return reply(asked, bytes([3, 2 * len(block)]) + b"".join(word.to_bytes(2, "big") for word in block))
+
+
+def obliging(connection: socket.socket) -> None:
+    while asked := receive(connection):
+        connection.sendall(good_answer(asked))
+
+
+def silent(connection: socket.socket) -> None:
+    while receive(connection):
+        pass
