@@ -18,7 +18,7 @@ from rich.console import Console
 
 from cell import logs, origin
 from cell.commands import GROUPS
-from cell.errors import CalibrationError, ConfigError, UsageError
+from cell.errors import CalibrationError, ConfigError, JournalError, UsageError
 
 Number = TypeVar("Number", int, float)
 
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(error, EXIT_USAGE)
     except PictureUnusable as error:
         return _fail(f"{error}; check the camera, its light and its exposure", EXIT_USAGE)
-    except DriverError as error:
+    except (DriverError, JournalError) as error:
         return _fail(error, EXIT_FAILED)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from cell import config as configuration
-from cell import handshake, wiring
+from cell import wiring
 from cell.ending import EndRequest
 from cell.faults import FaultCode
 from cell.journal import Journal
@@ -19,12 +19,12 @@ from cell.loop import SERVICE_ENDS, CellLoop, Channels
 from cell.notify import Notifier
 from cell.overlays import OverlayWriter
 from cell.plc_link import PlcLink
+from cell.recollection import recollect
 from cell.states import State
 from cell.station import Look, Stage
-from cell.types import CellReport, Outcome, PickResult
+from cell.types import CellReport
 from cell.workers import Beat, BeatingClock, Latest, Mailbox, Worker, WorkerGroup
 from drivers.timing import MonotonicClock, StopToken
-from drivers.types import ResultCode
 from vision.default import warm_up
 
 log = logger("daemon")
@@ -90,7 +90,7 @@ class _Daemon:
         self._cell_worker = Worker(name="cell", body=self._cell.run, stop=cell_stop, beat=cell_beat)
         plc_beat = Beat("plc", _PLC_LIMIT_S, self._clock)
         boot = journal.boot()
-        link = PlcLink(parts.plc, self._recollect(boot), channels, journal, plc_stop, cell_stop, plc_beat)
+        link = PlcLink(parts.plc, recollect(journal, boot), channels, journal, plc_stop, cell_stop, plc_beat)
         self._plc_worker = Worker(name="plc", body=link.run, stop=plc_stop, beat=plc_beat)
         log.info(
             "daemon_started",
@@ -107,21 +107,6 @@ class _Daemon:
                 "plc": config.plc.driver,
             },
         )
-
-    def _recollect(self, boot: int) -> handshake.Memory:
-        """What the journal knows; orders cut short by the last end get their result now."""
-        for seq in self._journal.interrupted():
-            log.warning("order_interrupted_by_restart", request_id=seq)
-            self._journal.finish(
-                PickResult(
-                    request_id=seq,
-                    code=ResultCode.INTERRUPTED_BY_RESTART,
-                    outcome=Outcome.ABORTED,
-                    detail=int(Outcome.ABORTED),
-                )
-            )
-        accepted, finished, acknowledged = self._journal.last()
-        return handshake.begin(boot, accepted, None if acknowledged else finished)
 
     def _progress(self, stage: Stage) -> None:
         self._cell.progress(stage)

@@ -19,7 +19,7 @@ from cell.handshake_memory import MAP_VERSION, Memory, PlcEvent, Publication, ou
 from cell.types import CellReport, PickOrder, PickResult
 from drivers.types import PlcCommand, PlcInputs, PlcOutputs, ResultCode
 
-__all__ = ["Memory", "PlcEvent", "Publication", "Step", "begin", "step"]
+__all__ = ["Memory", "PlcEvent", "Publication", "Step", "begin", "step", "withdraw"]
 
 BEAT_S: Final = 0.25
 """Our heartbeat counts this often, and only by `step` being called."""
@@ -134,6 +134,25 @@ def step(
         memory, order, refused = _read_order(memory, inputs, report)
         events += (PlcEvent.BAD_ORDER,) if refused else ()
     return Step(memory=memory, outputs=outputs_of(memory, report, now), order=order, events=events)
+
+
+def withdraw(before: Memory, taken: Step, report: CellReport, code: ResultCode, now: float) -> Step:
+    """The step with its order refused instead: it could not be journaled, so nobody may carry it out.
+
+    Parameters
+    ----------
+    before : Memory
+        What went into the step.
+    taken : Step
+        With the order; its outputs have not been sent.
+    report, code, now
+        As in `step`; what the PLC is told.
+    """
+    if taken.order is None:
+        raise ValueError("there is no order to withdraw")
+    back = replace(taken.memory, accepted=before.accepted, in_flight=before.in_flight)
+    memory = _refuse(back, taken.order.request_id, code)
+    return Step(memory=memory, outputs=outputs_of(memory, report, now), order=None, events=taken.events)
 
 
 def _beat(memory: Memory, now: float) -> Memory:

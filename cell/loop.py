@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
 from cell.cycle import run_order
+from cell.errors import JournalError
 from cell.faults import TABLE, Fault, FaultCode, fault_of, safety_fault
 from cell.journal import Journal
 from cell.logs import logger
@@ -78,6 +80,7 @@ class CellLoop:
         self._report = CellReport()
         self._internal_at: list[float] = []
         self._faults = 0
+        self._unwritten: PickResult | None = None
         # levels, because an edge may come while the state cannot follow it
         self._link_up = True
         self._hold = False
@@ -118,7 +121,7 @@ class CellLoop:
             return False
         log.info("state_changed", before=self._state.name, after=after.name, cell_event=event.name)
         self._state = after
-        self._journal.state(after, event.name)
+        self._note(lambda: self._journal.state(after, event.name))
         self._publish()
         return True
 
@@ -164,6 +167,7 @@ class CellLoop:
 
     def _end(self) -> None:
         self._halt()
+        self._write_again()
         try:
             self._enter(Event.STOP)
         finally:
@@ -181,6 +185,7 @@ class CellLoop:
 
     def _watch(self) -> None:
         """Health check between orders. After a fault the PLC still sees what the arm says of itself."""
+        self._write_again()
         try:
             self._refresh()
         except DriverError as error:
@@ -209,6 +214,11 @@ class CellLoop:
             case Event.RESET:
                 self._reset()
                 return
+            case Event.JOURNAL_LOST:
+                if self._state not in _AT_REST:
+                    detail = "an order could not be journaled; it was refused and nothing moved"
+                    self._fault(Fault(code=FaultCode.JOURNAL_UNWRITABLE, detail=detail))
+                return
             case Event.LINK_LOST | Event.LINK_UP:
                 self._link_up = event is Event.LINK_UP
             case Event.HOLD | Event.UNHOLD:
@@ -224,6 +234,10 @@ class CellLoop:
 
     def _reset(self) -> None:
         """A person says the cause is gone: recover, reopen, and be idle. Nothing moves."""
+        self._write_again()
+        if self._unwritten is not None:
+            log.warning("reset_refused", reason="the last result is not on disk yet")
+            return
         match self._state:
             case State.ABORTED:
                 self._enter(Event.RESET)
@@ -246,7 +260,9 @@ class CellLoop:
     def _run(self, order: PickOrder, stop: StopToken) -> None:
         if not self._enter(Event.ORDER):
             # accepted in the instant in which the cell stopped being ready
-            self._finish(_ended(order, ResultCode.ROBOT_NOT_READY))
+            unwritten = self._finish(_ended(order, ResultCode.ROBOT_NOT_READY))
+            if unwritten is not None and self._state not in _AT_REST:
+                self._fault(unwritten)
             return
         log.info(
             "order_started", request_id=order.request_id, command=order.command.name, part=order.part_code
@@ -264,7 +280,8 @@ class CellLoop:
             if fault.code in (FaultCode.INTERNAL, FaultCode.VISION_INTERNAL):
                 log.error("order_failed", request_id=order.request_id, exc_info=error)
         self._publish(moving=False)
-        self._finish(result)
+        unwritten = self._finish(result)
+        fault = fault or unwritten
         if fault is not None:
             self._fault(fault)
             return
@@ -272,9 +289,36 @@ class CellLoop:
         self._enter(Event.REPORTED)
         self._watch()
 
-    def _finish(self, result: PickResult) -> None:
-        """Durable first, then out."""
-        self._journal.finish(result)
+    def _finish(self, result: PickResult) -> Fault | None:
+        """Durable first, then out. A result that cannot be written is kept, and out as soon as it can be."""
+        try:
+            self._journal.finish(result)
+        except JournalError as error:
+            self._unwritten = result
+            return fault_of(error)
+        self._out(result)
+        return None
+
+    def _write_again(self) -> None:
+        """A result that could not be written: until it is, the PLC's order stays open."""
+        if self._unwritten is None:
+            return
+        try:
+            self._journal.finish(self._unwritten)
+        except JournalError:
+            return
+        result, self._unwritten = self._unwritten, None
+        self._out(result)
+
+    def _note(self, write: Callable[[], None]) -> None:
+        """A row that is kept for people: losing it stops nothing."""
+        try:
+            write()
+        except JournalError as error:
+            log.warning("row_not_journaled", detail=str(error))
+
+    def _out(self, result: PickResult) -> None:
+        """Publish a durable result."""
         self._channels.results.put(result)
         log.info(
             "pick_finished",
@@ -300,7 +344,7 @@ class CellLoop:
         )
         self._enter(Event.FAULT)
         self._faults += 1
-        self._journal.fault(fault)
+        self._note(lambda: self._journal.fault(fault))
         self._publish(
             moving=False,
             fault_code=int(fault.code),

@@ -48,6 +48,7 @@ class Event(Enum):
     HOLD = "hold"
     UNHOLD = "unhold"
     STOP = "stop"
+    JOURNAL_LOST = "journal_lost"
 
 
 class EventRefused(Exception):

@@ -80,7 +80,7 @@ def faults() -> str:
     lines = [
         "# Faults\n",
         NOTE,
-        "Hundreds are the device: 1 calibration, 2 cameras, 3 detector, 4 arm, 5 gripper, 6 PLC, 9 program.",
+        "Hundreds are the device: 1 calibration, 2 cameras, 3 detector, 4 arm, 5 gripper, 6 PLC, 7 disk, 9 program.",
         "After a fault nothing moves until a reset (rising edge of control bit 3), and then until the next",
         "order.\n",
         "| code | name | the order ends with | what to do |",
