@@ -20,6 +20,7 @@ from cell.notify import Notifier
 from cell.overlays import OverlayWriter
 from cell.plc_link import PlcLink
 from cell.recollection import recollect
+from cell.standing import Standing
 from cell.states import State
 from cell.station import Look, Stage
 from cell.types import CellReport
@@ -84,8 +85,15 @@ class _Daemon:
                 name="overlays", body=self._overlays.run, stop=overlay_stop, beat=beat
             )
         channels = Channels(inbox=Mailbox(64), results=Mailbox(8), report=self._report)
+        parts.station.places.keep_in(self._cell_journal)
+        standing = Standing(
+            config.files.state_folder,
+            self._clock,
+            self._cell_journal.counted_after,
+            config.operation.planned,
+        )
         self._cell = CellLoop(
-            parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat
+            parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat, standing
         )
         self._cell_worker = Worker(name="cell", body=self._cell.run, stop=cell_stop, beat=cell_beat)
         plc_beat = Beat("plc", _PLC_LIMIT_S, self._clock)

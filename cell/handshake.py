@@ -15,7 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
+from cell.choices import Choice
 from cell.handshake_memory import MAP_VERSION, Memory, PlcEvent, Publication, outputs_of
+from cell.modes import REFUSED, Mode
 from cell.types import CellReport, PickOrder, PickResult
 from drivers.types import PlcCommand, PlcInputs, PlcOutputs, ResultCode
 
@@ -38,10 +40,16 @@ SUPPORTED: Final = frozenset(
         PlcCommand.VISION_ONLY,
         PlcCommand.GRIPPER_OPEN,
         PlcCommand.GRIPPER_CLOSE,
+        PlcCommand.RECOVER,
+        PlcCommand.SET_MODE,
         PlcCommand.PING,
     }
 )
-
+_PARAMETERS: Final[dict[int, tuple[int, ...]]] = {
+    int(PlcCommand.RECOVER): tuple(Choice),
+    int(PlcCommand.SET_MODE): tuple(Mode),
+}
+"""Commands whose word 8 is a number of a list."""
 _SEQUENCES: Final = 65535
 _AHEAD: Final = 32767
 
@@ -317,13 +325,18 @@ def _verdict(memory: Memory, inputs: PlcInputs, report: CellReport) -> ResultCod
         return ResultCode.UNKNOWN_COMMAND
     if inputs.speed_percent > MAX_SPEED_PERCENT or inputs.max_attempts > MAX_ATTEMPTS:
         return ResultCode.BAD_PARAMETER
+    if inputs.max_attempts not in _PARAMETERS.get(inputs.cmd_code, (inputs.max_attempts,)):
+        return ResultCode.BAD_PARAMETER
     if memory.in_flight or memory.outstanding or report.busy:
         return ResultCode.BUSY
     if memory.abort:
         return ResultCode.ABORTED
     if not memory.enabled or memory.hold:
         return ResultCode.NOT_ENABLED
-    if report.fault_code or not report.accepting:
+    if inputs.cmd_code in REFUSED[Mode(report.unit_mode)]:
+        return ResultCode.NOT_ENABLED
+    answers = report.choice_awaited and inputs.cmd_code == PlcCommand.RECOVER
+    if report.fault_code or not (report.accepting or answers):
         return ResultCode.ROBOT_NOT_READY
     return ResultCode.NONE
 

@@ -23,7 +23,7 @@ from cell.errors import ConfigError, JournalError
 from cell.faults import Fault
 from cell.states import State
 from cell.types import Outcome, PickOrder, PickResult
-from drivers.types import ResultCode, ToolPose
+from drivers.types import PlcCommand, ResultCode, ToolPose
 
 SCHEMA_VERSION: Final = 1
 ROOM_BYTES: Final = 4 * 1024 * 1024
@@ -34,6 +34,8 @@ CREATE TABLE IF NOT EXISTS orders (
   id INTEGER PRIMARY KEY AUTOINCREMENT, boot INTEGER NOT NULL, seq INTEGER NOT NULL, command INTEGER NOT NULL,
   body TEXT NOT NULL, accepted_at REAL NOT NULL, finished_at REAL, acknowledged_at REAL,
   code INTEGER, outcome INTEGER, result TEXT);
+CREATE TABLE IF NOT EXISTS places (
+  id INTEGER PRIMARY KEY AUTOINCREMENT, at REAL NOT NULL, freed INTEGER NOT NULL);
 CREATE INDEX IF NOT EXISTS orders_open ON orders (id) WHERE finished_at IS NULL;
 CREATE TABLE IF NOT EXISTS faults (
   id INTEGER PRIMARY KEY AUTOINCREMENT, boot INTEGER NOT NULL, at REAL NOT NULL, code INTEGER NOT NULL,
@@ -215,6 +217,51 @@ class Journal:
             (int(Outcome.PICKED), int(ResultCode.OK)),
         )
         return int(row.fetchone()[0])
+
+    def counted_after(self, row: int) -> tuple[int, int, int]:
+        """Finished orders after a row: parts delivered, picks that brought none, the last row counted.
+
+        A number beyond the last row belongs to another journal: everything in this one is counted.
+        """
+        last = self._opened().execute("SELECT MAX(id) FROM orders WHERE finished_at IS NOT NULL").fetchone()
+        newest = int(last[0] or 0)
+        found = self._opened().execute(
+            "SELECT COALESCE(SUM(outcome = ? AND code = ?), 0), "
+            "COALESCE(SUM(outcome IN (?, ?) AND command IN (?, ?)), 0) FROM orders WHERE id > ? AND id <= ?",
+            (
+                int(Outcome.PICKED),
+                int(ResultCode.OK),
+                int(Outcome.MISSED),
+                int(Outcome.ABORTED),
+                int(PlcCommand.PICK),
+                int(PlcCommand.PICK_AND_PLACE),
+                0 if row > newest else row,
+                newest,
+            ),
+        )
+        produced, failed = found.fetchone()
+        return int(produced), int(failed), newest
+
+    # ---------------------------------------------------------------- places of the pattern
+
+    def places_taken(self) -> int:
+        """Places taken since the tray was last changed."""
+        row = self._opened().execute(
+            "SELECT COUNT(*) FROM places WHERE id > (SELECT COALESCE(MAX(id), 0) FROM places WHERE freed = 1)"
+        )
+        return int(row.fetchone()[0])
+
+    def take_place(self) -> None:
+        """The next place is taken, before the arm goes there."""
+        self._place(freed=False)
+
+    def free_places(self) -> None:
+        """The tray has been changed."""
+        self._place(freed=True)
+
+    def _place(self, *, freed: bool) -> None:
+        with self._write() as connection:
+            connection.execute("INSERT INTO places (at, freed) VALUES (?, ?)", (time.time(), int(freed)))
 
     # ---------------------------------------------------------------- faults and states
 

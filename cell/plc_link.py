@@ -11,11 +11,11 @@ from dataclasses import replace
 from typing import Final
 
 from cell import handshake
+from cell.channels import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
 from cell.errors import JournalError
 from cell.handshake import Memory, PlcEvent, Publication
 from cell.journal import Journal
 from cell.logs import logger
-from cell.loop import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
 from cell.states import Event
 from cell.types import PickOrder
 from cell.workers import Beat, MailboxFull
