@@ -289,8 +289,10 @@ def heap_of(
     return tuple(other for other in parts if other.code in codes and other.code != part.code)
 
 
-def load(path: Path) -> CellConfig:
+def load(path: Path, home: Path | None = None) -> CellConfig:
     """Read and check a configuration; its relative paths come back absolute.
+
+    ``home`` is what they are relative to, where that is not the file's own folder.
 
     Raises
     ------
@@ -298,7 +300,7 @@ def load(path: Path) -> CellConfig:
         With file, line and key.
     """
     config = yamlfile.load(path, CellConfig)
-    home = path.resolve().parent
+    home = home or path.resolve().parent
     files = config.files
     resolved = files.model_copy(
         update={

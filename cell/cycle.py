@@ -93,7 +93,8 @@ def _pick_with_attempts(station: Station, order: PickOrder, stop: StopToken, tim
     if fetches and station.gripper.grip() is Grip.HOLDING:
         # left over from an order that was cut short; it must be out of the hand before the next
         log.warning("part_found_in_gripper", request_id=order.request_id)
-        place(station, order, stop, times)
+        if place(station, order, stop, times) is ResultCode.PLACE_BLOCKED:
+            return plain(order, ResultCode.PLACE_BLOCKED)
     for attempt in range(1, order.max_attempts + 1):
         result = run_cycle(station, order, stop, times)
         if result.outcome is not Outcome.MISSED or attempt == order.max_attempts:

@@ -11,9 +11,11 @@ from typing import Final
 
 from cell import config as configuration
 from cell import wiring
+from cell.alarm_table import AlarmCode
 from cell.ending import EndRequest
 from cell.faults import FaultCode
 from cell.journal import Journal
+from cell.last_good import usable
 from cell.logs import logger
 from cell.loop import SERVICE_ENDS, CellLoop, Channels
 from cell.notify import Notifier
@@ -38,19 +40,19 @@ _END_CELL_S: Final = 3.0
 _END_OTHERS_S: Final = 0.8
 
 
-def run(config_path: Path) -> int:
-    """Run until SIGTERM or SIGINT; the exit code.
+def run(config_path: Path, last_good: Path | None = None) -> int:
+    """Run until SIGTERM or SIGINT; the exit code. ``last_good`` as in `cell.last_good`.
 
     Raises
     ------
     ConfigError, CalibrationError
         Before anything is opened.
     """
-    config = configuration.load(config_path)
+    config, refused = usable(config_path, last_good)
     journal = Journal(config.files.journal)
     journal.open()
     try:
-        daemon = _Daemon(config, config_path, journal)
+        daemon = _Daemon(config, config_path, journal, refused)
         log.info("detector_warming_up")
         warm_up()  # may take seconds; nothing is open yet, so a signal may simply end the process
         with EndRequest() as asked:
@@ -62,7 +64,9 @@ def run(config_path: Path) -> int:
 class _Daemon:
     """What lives as long as the process."""
 
-    def __init__(self, config: configuration.CellConfig, path: Path, journal: Journal) -> None:
+    def __init__(
+        self, config: configuration.CellConfig, path: Path, journal: Journal, refused: str | None
+    ) -> None:
         self._clock = MonotonicClock()
         self._notifier = Notifier()
         self._stalled: set[str] = set()
@@ -92,6 +96,7 @@ class _Daemon:
             self._cell_journal.counted_after,
             config.operation.planned,
         )
+        standing.condition(AlarmCode.CONFIG_LAST_GOOD, refused)
         self._cell = CellLoop(
             parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat, standing
         )
