@@ -82,8 +82,8 @@ def faults() -> str:
         "# Faults\n",
         NOTE,
         "Hundreds are the device: 1 calibration, 2 cameras, 3 detector, 4 arm, 5 gripper, 6 PLC, 7 disk,",
-        "9 program. After a fault nothing moves until a reset (rising edge of control bit 3), and then until the next",
-        "order.\n",
+        "9 program. After a fault nothing moves until a reset (rising edge of control bit 3), and then until",
+        "the next order.\n",
         "| code | name | the order ends with | what to do |",
         "|---|---|---|---|",
     ]
@@ -100,8 +100,8 @@ def alarms() -> str:
         "# Alarms\n",
         NOTE,
         "A row each of `cell/alarm_table.py` (rationalised after ISA-18.2). Health is NAMUR NE 107: what the",
-        "alarm says of its device. A condition has to last for the first delay to be an alarm, and to be away",
-        "for the second to be over. An alarm is unacknowledged until a reset edge of the PLC or",
+        "alarm says of its device. A condition has to last for the first delay to be an alarm, and to be",
+        "away for the second to be over. An alarm is unacknowledged until a reset edge of the PLC or",
         "`mikado alarms CONFIG --acknowledge CODE`; alarms of medium and low priority can be shelved for",
         "eight hours at most. Registers 37 and 38 of the status block hold the first active alarm and how",
         "many are unacknowledged.\n",
@@ -110,7 +110,8 @@ def alarms() -> str:
     ]
     lines += [
         f"| {int(code)} | {code.name} | {row.priority.name.lower()} | {row.device.value}: "
-        f"{row.health.value} | {row.cause} | {row.consequence} | {row.action} | {row.on_delay_s:g}, {row.off_delay_s:g} |"
+        f"{row.health.value} | {row.cause} | {row.consequence} | {row.action} | "
+        f"{row.on_delay_s:g}, {row.off_delay_s:g} |"
         for code, row in sorted(ALARMS.items())
     ]
     return "\n".join(lines) + "\n"

@@ -364,7 +364,7 @@ def small_world(folder: Path) -> Path:
     for eye in ("left", "right"):
         for key in ("focal_px", "centre_px"):
             cameras[eye][key] = [value / 2 for value in cameras[eye][key]]
-    world["sticks"]["diameter_m"] = 0.0076
+    world["sticks"].update(diameter_m=0.0076, wall_margin_m=0.045)
     path = folder / "world.yaml"
     path.write_text(yaml.safe_dump(world), encoding="utf-8")
     subprocess.run(
