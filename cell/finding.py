@@ -1,7 +1,7 @@
 """The detector on a thread of its own: its first certain answer while it explains the rest of the scene.
 
 The only thread that the cell thread starts. It lives as long as one look: whoever opens a `Finding` joins it,
-whatever happens, and a run that nobody waits for any more ends at its next stage.
+whatever happens, or abandons it, and a run that nobody waits for any more ends at its next stage.
 """
 
 from __future__ import annotations

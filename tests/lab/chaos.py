@@ -54,6 +54,11 @@ class Order:
     refused: int = 0
     codes: set[int] = field(default_factory=set)
     motions: int = 0
+    grasps_before: int = 0
+    grasps: int = 0
+    boxed_before: int = 0
+    boxed: int = 0
+    held_before: bool = False
 
 
 class Observer:
@@ -138,13 +143,20 @@ class Night:
             self.added += STICKS
         self.nothing_moved("between two orders")
         self.faults[fault or "none"] += 1
-        before = self.cell.count("motions")
+        before = self.cell.ask("status")
         seq = next_sequence(self.last_seq)
         if fault == "skipped sequence":
             for _ in range(self.rng.randrange(1, 50)):
                 seq = next_sequence(seq)
         self.last_seq = seq
-        order = Order(seq=seq, fault=fault, motions_before=before)
+        order = Order(
+            seq=seq,
+            fault=fault,
+            motions_before=before.whole("motions"),
+            grasps_before=before.whole("grasps"),
+            boxed_before=before.whole("in_box"),
+            held_before=before.flag("holding"),
+        )
         self.observer.orders[seq] = order
         self.plc.sequence = seq
         with self.plc.program.lock:
@@ -205,8 +217,11 @@ class Night:
         """Take the result; the arm has come to rest, and what it did is counted to this order."""
         self.take(order.seq)
         until(lambda: not self.cell.ask("status").flag("arm_moving"), 5.0, "the arm stands")
-        self.still = self.cell.count("motions")
+        after = self.cell.ask("status")
+        self.still = after.whole("motions")
         order.motions = self.still - order.motions_before
+        order.grasps = after.whole("grasps") - order.grasps_before
+        order.boxed = after.whole("in_box") - order.boxed_before
         if order.refused and order.motions:
             self.observer.strange.append(f"{order.seq} was refused, and the arm moved")
         for code in order.codes or {order.refused}:

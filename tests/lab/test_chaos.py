@@ -99,7 +99,10 @@ def judge(bad: Night, seed: int) -> None:
     for order in bad.observer.orders.values():
         ended = len(order.codes) + (order.refused != 0)
         assert ended == 1, f"{where}: {order}"
-        assert order.motions <= MOST_MOTIONS, f"{where}: carried out twice? {order}"
+        # every order asks for one attempt: one closing of the jaws, one part, and what the hand held before
+        assert order.grasps <= 1, f"{where}: carried out twice: {order}"
+        assert order.boxed <= 1 + order.held_before, f"{where}: carried out twice: {order}"
+        assert order.motions <= MOST_MOTIONS, f"{where}: {order}"
     surprised = [order for order in bad.observer.orders.values() if order.refused and not order.fault]
     assert len(surprised) <= max(2, len(bad.observer.orders) // 50), f"{where}: {surprised}"
     # a fault may come between `ready` and the order: late news on a busy machine, the rest of the one before
@@ -131,6 +134,10 @@ def told(nights: list[Night], took_s: float) -> None:
         for name, count in rows.most_common():
             print(f"  {title:9} {name:32} {count:6}")
     print("  faults reset:", ", ".join(f"{code} x{n}" for code, n in codes.most_common()) or "none")
+    every = [order for n in nights for order in n.observer.orders.values()]
+    print(
+        f"  most of one order: {max(o.motions for o in every)} motions, {max(o.grasps for o in every)} grasps"
+    )
     for n in nights:
         print("  parts:", ", ".join(f"{name} {count}" for name, count in n.balance.items()))
         longest = max(n.samples, key=len)
