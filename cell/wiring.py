@@ -16,6 +16,7 @@ from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
+from cell.pattern import Places
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
@@ -124,9 +125,11 @@ def build(
         motion=config.motion,
         clock=cell_clock,
         pictures=PictureCheck(),
-        missed=MissedParts(),
+        missed=MissedParts(config.operation.strategy.avoid_looks, config.operation.strategy.avoid_radius_m),
         progress=progress,
         looked=looked,
+        operation=config.operation,
+        places=Places(config.operation.grid),
     )
     return Parts(
         station=station,

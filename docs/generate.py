@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from cell import cli
+from cell.alarm_table import TABLE as ALARMS
 from cell.config import CellConfig
 from cell.faults import TABLE
 from docs import register_page
@@ -36,9 +37,9 @@ def faults() -> str:
     lines = [
         "# Faults\n",
         NOTE,
-        "Hundreds are the device: 1 calibration, 2 cameras, 3 detector, 4 arm, 5 gripper, 6 PLC, 9 program.",
-        "After a fault nothing moves until a reset (rising edge of control bit 3), and then until the next",
-        "order.\n",
+        "Hundreds are the device: 1 calibration, 2 cameras, 3 detector, 4 arm, 5 gripper, 6 PLC, 7 disk,",
+        "9 program. After a fault nothing moves until a reset (rising edge of control bit 3), and then until",
+        "the next order.\n",
         "| code | name | the order ends with | what to do |",
         "|---|---|---|---|",
     ]
@@ -49,9 +50,40 @@ def faults() -> str:
     return "\n".join(lines) + "\n"
 
 
+def alarms() -> str:
+    """The alarm page."""
+    lines = [
+        "# Alarms\n",
+        NOTE,
+        "A row each of `cell/alarm_table.py` (rationalised after ISA-18.2). Health is NAMUR NE 107: what the",
+        "alarm says of its device. A condition has to last for the first delay to be an alarm, and to be",
+        "away for the second to be over. An alarm is unacknowledged until a reset edge of the PLC or",
+        "`mikado alarms CONFIG --acknowledge CODE`; alarms of medium and low priority can be shelved for",
+        "eight hours at most. Registers 37 and 38 of the status block hold the first active alarm and how",
+        "many are unacknowledged.\n",
+        "| code | name | priority | device: health | why | what follows | what to do | delays, s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {int(code)} | {code.name} | {row.priority.name.lower()} | {row.device.value}: "
+        f"{row.health.value} | {row.cause} | {row.consequence} | {row.action} | "
+        f"{row.on_delay_s:g}, {row.off_delay_s:g} |"
+        for code, row in sorted(ALARMS.items())
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _type_name(annotation: object) -> str:
     text = getattr(annotation, "__name__", None) if isinstance(annotation, type) else str(annotation)
-    for noise in ("typing.", "pathlib.", "cell.config.", "drivers.settings.", "<class '", "'>"):
+    for noise in (
+        "typing.",
+        "pathlib.",
+        "cell.config.",
+        "cell.operation.",
+        "drivers.settings.",
+        "<class '",
+        "'>",
+    ):
         text = str(text).replace(noise, "")
     return str(text).replace("NoneType", "None").replace("|", "or")
 
@@ -130,6 +162,7 @@ def commands() -> str:
 PAGES: Final[dict[str, Callable[[], str]]] = {
     "registers.md": registers,
     "faults.md": faults,
+    "alarms.md": alarms,
     "configuration.md": configuration,
     "commands.md": commands,
 }

@@ -155,6 +155,9 @@ def decode_status(words: Sequence[int], word_order: WordOrder = "big") -> PlcOut
         active_recipe=int(v["active_recipe"]),
         actual_speed_percent=int(v["actual_speed_percent"]),
         boot_id=int(v["boot_id"]),
+        first_alarm=int(v["first_alarm"]),
+        alarm_count=int(v["alarm_count"]),
+        unit_mode=int(v["unit_mode"]),
     )
 
 
@@ -258,9 +261,9 @@ def _status_values(s: PlcOutputs) -> Mapping[str, float]:
         "active_recipe": s.active_recipe,
         "actual_speed_percent": s.actual_speed_percent,
         "boot_id": s.boot_id,
-        "reserved_37": 0,
-        "reserved_38": 0,
-        "reserved_39": 0,
+        "first_alarm": s.first_alarm,
+        "alarm_count": s.alarm_count,
+        "unit_mode": s.unit_mode,
     }
 
 

@@ -119,7 +119,7 @@ COMMAND: Final[tuple[Register, ...]] = (
     _u16(5, "recipe", "part code"),
     _u16(6, "source_id", "where to take from"),
     _u16(7, "destination_id", "where to put"),
-    _u16(8, "max_attempts", "attempts before giving up, 0 = one"),
+    _u16(8, "max_attempts", "attempts before giving up, 0 = one; command 10: the choice, 11: the mode"),
     _u16(9, "speed_percent", "percent of the configured speeds, 0 = default"),
     *_pose(10, "target of the order"),
     _u16(22, "crc", "CRC-16 (Modbus polynomial) of words 3-21, high byte first; 0 = not used"),
@@ -198,9 +198,9 @@ STATUS: Final[tuple[Register, ...]] = (
     _u16(34, "active_recipe", "part code in use"),
     _u16(35, "actual_speed_percent", "speed in use"),
     _u16(36, "boot_id", "changes at each start of the cell"),
-    _u16(37, "reserved_37", "0"),
-    _u16(38, "reserved_38", "0"),
-    _u16(39, "reserved_39", "0"),
+    _u16(37, "first_alarm", "code of the alarm that came first of those that are active, 0 = none"),
+    _u16(38, "alarm_count", "alarms nobody has acknowledged yet"),
+    _u16(39, "unit_mode", "1 production, 2 maintenance, 3 manual, 4 dry run"),
 )
 
 TEST: Final[tuple[Register, ...]] = (
