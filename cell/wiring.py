@@ -20,7 +20,12 @@ from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
-from drivers.settings import CameraSettings, ReplayCameraSettings, SimCameraSettings
+from drivers.settings import (
+    CameraSettings,
+    ReplayCameraSettings,
+    SimCameraSettings,
+    V4l2CameraSettings,
+)
 from drivers.timing import Clock
 
 
@@ -64,6 +69,8 @@ def _has_colour(camera: CameraSettings) -> bool:
     match camera:
         case SimCameraSettings():
             return True
+        case V4l2CameraSettings():
+            return camera.format != "GREY"
         case ReplayCameraSettings():
             try:
                 first = min(camera.folder.glob(camera.pattern), default=None)
