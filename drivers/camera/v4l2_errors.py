@@ -72,12 +72,13 @@ def held_by(device: Path, processes: Path = Path("/proc")) -> tuple[str, ...]:
         return ()
     found = []
     for process in processes.iterdir():
-        if not process.name.isdigit() or int(process.name) == os.getpid():
+        if not process.name.isdigit():
             continue
         try:
             open_here = any(os.stat(link).st_rdev == number for link in _links(process / "fd"))
             if open_here:
-                found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+                here = ", this program" if process.name == str(os.getpid()) else ""
+                found.append(f"{(process / 'comm').read_text().strip()} ({process.name}{here})")
         except OSError:
             continue  # ended meanwhile, or somebody else's
     return tuple(sorted(found))

@@ -32,7 +32,12 @@ def ran(argv: list[str], timeout_s: float) -> tuple[int, str, str]:
             check=False,
         )
     except subprocess.TimeoutExpired as late:
-        return -1, str(late.stdout or ""), f"not done after {timeout_s} s\n{late.stderr or ''}"
+        # whatever was asked for, this exception holds bytes
+        out, err = (
+            said.decode(errors="replace") if isinstance(said, bytes) else ""
+            for said in (late.stdout, late.stderr)
+        )
+        return -1, out, f"not done after {timeout_s} s\n{err}"
     except OSError as error:
         return -1, "", str(error)
     return done.returncode, done.stdout, done.stderr

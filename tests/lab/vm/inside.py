@@ -30,6 +30,8 @@ from tests.lab.vm.webcam import BITS, tell
 
 CLOCK = MonotonicClock()
 EYES = ("left", "right")
+RATE_S = 6.0
+BENCH_S = 10.0
 Json = dict[str, object]
 
 
@@ -287,21 +289,25 @@ def rate(seconds: float, **changed: object) -> Json:
 
 
 def main(argv: list[str]) -> None:
-    """Do what the command says and print what came of it."""
-    what = argv[0]
-    if what == "pictures":
-        told = pictures(Path(argv[1]))
-        told["levels"] = levels()
-    elif what == "refusals":
-        told = refusals()
-    elif what == "life":
-        told = life()
-    elif what == "rate":
-        told = rate(float(argv[1]))
-    else:
-        kinds = ("ioctl", "opencv")
-        told = {kind: rate(float(argv[1]), capture=kind, rate_hz=int(argv[2])) for kind in kinds}
-    print(json.dumps(told))
+    """Do everything asked for, each to a file ``<name>.json`` in the folder."""
+    folder = Path(argv[0])
+    for what in argv[1:]:
+        match what:
+            case "pictures":
+                told = pictures(folder)
+            case "levels":
+                told = levels()
+            case "refusals":
+                told = refusals()
+            case "life":
+                told = life()
+            case "rate":
+                told = rate(RATE_S)
+            case _:
+                # capture:rate, e.g. opencv:15
+                capture, rate_hz = what.split(":")
+                told = rate(BENCH_S, capture=capture, rate_hz=int(rate_hz))
+        (folder / f"{what}.json").write_text(json.dumps(told))
 
 
 if __name__ == "__main__":

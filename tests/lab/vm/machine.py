@@ -74,7 +74,7 @@ def image() -> Path:
     path = f"{os.environ['PATH']}:/usr/sbin:/sbin"
     missing = [tool for tool in TOOLS if shutil.which(tool, path=path) is None]
     if missing:
-        raise CannotStart(f"{', '.join(missing)} not installed; as root: tests/lab/setup.sh vm")
+        raise CannotStart(f"{', '.join(missing)} not installed; as root: tests/lab/setup.sh")
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         raise CannotStart(f"made for Linux on x86_64, this is {sys.platform} on {os.uname().machine}")
     script = HERE / "image.sh"
@@ -84,7 +84,7 @@ def image() -> Path:
     if (folder / "disk.img").is_file():
         return folder
     if os.geteuid() != 0:
-        raise CannotStart("its image is not made yet, which takes root; as root: tests/lab/setup.sh vm")
+        raise CannotStart("its image is not made yet, which takes root; run this test once as root")
     environment = {**os.environ, "PYTHON": sys.executable, "PATH": path}
     try:
         made = subprocess.run(
