@@ -16,7 +16,7 @@ from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
-from cell.pictures import PictureCheck
+from cell.pictures import PictureCheck, Standing
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
@@ -114,6 +114,8 @@ def build(
     gripper = factory.gripper("gripper", config.gripper, robot)
     if known.base_from_camera is None:
         raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
+    table = calibration.table_of(known, config.workspace.floor_z_m)
+    standing = Standing.of(known, table, config.tuning.height_m)
     station = Station(
         rig=rig,
         robot=robot,
@@ -121,7 +123,7 @@ def build(
         gripper=gripper,
         stereo=known.stereo,
         base_from_camera=known.base_from_camera,
-        table=calibration.table_of(known, config.workspace.floor_z_m),
+        table=table,
         tuning=config.tuning.tuning(),
         parts=config.parts,
         heaps=config.heaps,
@@ -130,7 +132,7 @@ def build(
         jaws=config.jaws,
         motion=config.motion,
         clock=cell_clock,
-        pictures=PictureCheck(),
+        pictures=PictureCheck(standing),
         missed=MissedParts(),
         progress=progress,
         looked=looked,

@@ -1,7 +1,7 @@
 """Whether two cameras still stand as they were calibrated: in rectified pictures a point is in the same row.
 
-Distinct places of the left picture (corners) are looked for in the right one, around the row they belong to. A
-camera that was knocked shows them all in another row; a wrong match shows in any.
+Distinct places of the left picture (corners) are looked for in the right one, around the row they belong to.
+A camera that was knocked shows them all in another row; a wrong match shows in any.
 """
 
 from __future__ import annotations

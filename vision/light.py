@@ -1,7 +1,7 @@
-"""Whether a whole picture became brighter or darker since the one before: exposure, gain, or the light itself.
+"""Whether a whole picture became brighter or darker since the one before: exposure, gain, or the light.
 
-Parts that come and go change some pixels by any factor; exposure and light change all of them by the same one.
-So the factor counts that most pixels agree on.
+Parts that come and go change some pixels by any factor; exposure and light change all of them by the same
+one. So the factor counts that most pixels agree on.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def light_change(previous: Grey, now: Grey) -> LightChange | None:
         return None
     ratio = np.log(after[tell] / before[tell])
     counts, edges = np.histogram(ratio, bins=np.arange(-3.3, 3.3, BIN))
-    window = np.ones(2 * int(AGREED / BIN) + 1)
+    # a peak, not a plateau: equal pictures agree on one bin
+    window = np.bartlett(2 * int(AGREED / BIN) + 1)
     mode = float(edges[int(np.argmax(np.convolve(counts, window, "same")))] + BIN / 2)
     agreed = ratio[np.abs(ratio - mode) <= AGREED]
     return LightChange(factor=float(np.exp(np.median(agreed))), share=len(agreed) / len(ratio))

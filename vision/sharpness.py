@@ -1,7 +1,7 @@
 """How blurred a picture is, in pixels, told by its own edges.
 
-An edge seen through a Gaussian blur of sigma s has a steepest slope in proportion to 1 / s, and two blurs add as
-squares. So the slope of the same edge after two known further blurs gives s, whatever the contrast is (the
+An edge seen through a Gaussian blur of sigma s has a steepest slope in proportion to 1 / s, and two blurs add
+as squares. So the slope of the same edge after two known further blurs gives s, whatever the contrast is (the
 re-blur of Zhuo and Sim, "Defocus map estimation from a single image", 2011, between two scales so that noise
 counts little).
 """
@@ -24,8 +24,8 @@ LEAST_SLOPE = 4.0
 """Grey values per pixel after the fine blur; sensor noise stays below."""
 LEAST_EDGE_PX = 60
 BLURRED_PX = 2.2
-"""What a blur of 2.5 to 3 px shows as, for the flanks of a thin part are near each other; by then a part 6 to 9
-px wide has no flanks of its own. The detector begins to lose parts at a blur of 1.5 px (docs/benchmarks.md)."""
+"""What a blur of 2.5 to 3 px shows as, for the flanks of a thin part are near each other; a part of 6 to 9 px
+has no flanks of its own by then. The detector loses parts from a blur of 1.5 px on (docs/benchmarks.md)."""
 
 
 def blur_px(grey: Grey) -> float:
@@ -49,7 +49,8 @@ def blur_px(grey: Grey) -> float:
     return math.sqrt(max(0.0, squared))
 
 
-def _slope(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _slope(picture: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    picture = np.asarray(picture, np.float32)
     dx = cv2.Sobel(picture, cv2.CV_32F, 1, 0, scale=0.125)
     dy = cv2.Sobel(picture, cv2.CV_32F, 0, 1, scale=0.125)
     return np.asarray(cv2.magnitude(dx, dy), np.float32)

@@ -1,5 +1,5 @@
-"""What every camera promises (DESIGN section 5): the simulated cell over its socket, a folder, the double; and
-webcams of the kernel, in the virtual machine of tests/lab."""
+"""What every camera promises (DESIGN section 5): the simulated cell over its socket, a folder, the double;
+and webcams of the kernel, in the virtual machine of tests/lab."""
 
 from __future__ import annotations
 

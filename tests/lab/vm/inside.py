@@ -52,6 +52,7 @@ def settings(port: int, **changed: object) -> V4l2CameraSettings:
         "white_balance_k": 5000,
         "focus": 20,
         "power_line_hz": 50,
+        "delay_s": 1.0,  # on a busy host the camera itself is slow
         **changed,
     }
     return V4l2CameraSettings.model_validate(usual)
@@ -248,10 +249,12 @@ def rate(seconds: float, **changed: object) -> Json:
         clock = time.thread_time()
         ends_at = time.monotonic() + seconds
         seen: list[tuple[int, float, float]] = []
+        at_first = one.counters()
         while time.monotonic() < ends_at:
             frame = one.next(1.0)
             if frame is not None:
                 seen.append((number_of(frame.pixels), frame.captured_at, time.monotonic()))
+                at_first = one.counters() if len(seen) == 1 else at_first
         used[port] = time.thread_time() - clock
         state = tell("state", port)
         exposed = state["begun"]
@@ -262,9 +265,9 @@ def rate(seconds: float, **changed: object) -> Json:
         counted = one.counters()
         told[port] = {
             "frames": counted.frames,
-            "dropped": counted.dropped,
-            "incomplete": counted.incomplete,
-            "handed": state["handed"],
+            "dropped_since_first": counted.dropped - at_first.dropped,
+            "incomplete_since_first": counted.incomplete - at_first.incomplete,
+            "camera_hz": (numbers[-1] - numbers[0]) / (seen[-1][2] - seen[0][2]) if len(seen) > 1 else 0.0,
             "unread": sum(1 for n in numbers if n < 0),
             "repeated": sum(1 for a, b in pairwise(numbers) if b <= a),
             "missing": sum(max(0, b - a - 1) for a, b in pairwise(numbers)),
