@@ -9,6 +9,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from drivers.sim.cell import load_world
 from drivers.sim.optics import calibration_text, eyes
@@ -29,12 +30,13 @@ DARK, BRIGHT = 30, 90
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenery:
-    """Folders for the two cameras, their calibration, and how many sticks lie there."""
+    """Folders for the two cameras, their calibration, and where the sticks lie: axis ends (N, 2, 3) m, base
+    frame."""
 
     left: Path
     right: Path
     calibration: Path
-    sticks: int
+    ends_m: npt.NDArray[np.float64]
 
 
 def make(folder: Path) -> Scenery:
@@ -49,9 +51,8 @@ def make(folder: Path) -> Scenery:
     calibration = folder / "calibration.json"
     calibration.write_text(calibration_text(layout.cameras), encoding="utf-8")
     json.loads(calibration.read_text(encoding="utf-8"))
-    return Scenery(
-        left=folder / "left", right=folder / "right", calibration=calibration, sticks=len(snapshot.lying)
-    )
+    ends = np.array([stick.ends for stick in snapshot.lying], np.float64)
+    return Scenery(left=folder / "left", right=folder / "right", calibration=calibration, ends_m=ends)
 
 
 def _write(folder: Path, picture: Pixels) -> None:
