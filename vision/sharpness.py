@@ -18,6 +18,8 @@ from vision.quality import require_grey
 from vision.types import Grey
 
 FINE_PX, COARSE_PX = 1.0, 2.0
+SLOPE_OVER = 1.0 / 3.0
+"""A difference between neighbours two apart blurs as well: the variance of a box two pixels wide."""
 STEEPEST_SHARE = 0.005
 """Only the steepest slopes: an edge that is soft by itself (a shadow) says nothing of the lens."""
 LEAST_SLOPE = 4.0
@@ -45,7 +47,8 @@ def blur_px(grey: Grey) -> float:
     ratio = float(np.median(fine[on_edge] / np.maximum(coarse[on_edge], 1e-3)))
     if ratio <= 1.0:
         return math.inf
-    squared = (COARSE_PX**2 - ratio**2 * FINE_PX**2) / (ratio**2 - 1.0)
+    fine_squared, coarse_squared = FINE_PX**2 + SLOPE_OVER, COARSE_PX**2 + SLOPE_OVER
+    squared = (coarse_squared - ratio**2 * fine_squared) / (ratio**2 - 1.0)
     return math.sqrt(max(0.0, squared))
 
 
