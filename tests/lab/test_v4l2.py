@@ -8,10 +8,7 @@ counted is what is shown.
 from __future__ import annotations
 
 import json
-import shutil
-import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,84 +17,32 @@ import yaml
 
 from cell import calibration
 from cell.cli import main
-from tests.lab.vm import scenery
-from tests.lab.vm.machine import ROOT, CannotStart, Machine
+from tests.lab.vm.machine import ROOT, CannotStart
+from tests.lab.vm.webcams import CODE, Webcams, plugged_in
 from vision import transforms
 from vision.types import Floats
 
 DEMO = ROOT / "configs" / "demo" / "cell.yaml"
-CODE = "/lab/code"
 EXPOSED_US = 5000
 NEAR_M = 0.003
 FRESH_S = 20.0
 NOTICED_S = 2.0
 BACK_S = 15.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lab:
-    """The running machine, what its cameras see, and what the driver said in it."""
-
-    machine: Machine
-    scene: scenery.Scenery
-    shared: Path
-
-    def told(self, what: str) -> dict[str, object]:
-        """What came of one part of the run inside."""
-        answer = json.loads((self.shared / "out" / f"{what}.json").read_text())
-        assert isinstance(answer, dict)
-        return answer
+WORK_S = 300.0
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
-    shared = tmp_path_factory.mktemp("lab")
-    # compiled files come along where they fit: compiling is slow inside
-    for part in ("drivers", "tests"):
-        shutil.copytree(ROOT / part, shared / "code" / part)
-    shutil.copy(ROOT / "pyproject.toml", shared / "code")
-    (shared / "out").mkdir()
-    scene = scenery.make(shared / "scene")
-    machine = Machine(shared)
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Webcams]:
     try:
-        machine.start()
+        with plugged_in(tmp_path_factory.mktemp("lab")) as webcams:
+            webcams.work("pictures", "levels", "refusals", "life", "rate", timeout_s=WORK_S)
+            yield webcams
     except CannotStart as reason:
         pytest.skip(f"V4L2 IS NOT TESTED: {reason}")
-    serving = threading.Thread(target=_serve, args=(machine,), name="lab-webcams")
-    try:
-        machine.must("sh", "-c", "modprobe vhci-hcd && modprobe uvcvideo")
-        serving.start()
-        machine.must(
-            "sh",
-            "-c",
-            "for try in $(seq 200); do [ -e /dev/v4l/by-path/*usb-0:2:1.0-video-index0 ] && exit 0; sleep "
-            "0.1; done; dmesg | tail -5; exit 1",
-        )
-        work = ("pictures", "levels", "refusals", "life", "rate")
-        machine.must("python3", f"{CODE}/tests/lab/vm/inside.py", "/lab/out", *work, timeout_s=200.0)
-        yield Lab(machine=machine, scene=scene, shared=shared)
-    finally:
-        machine.end()
-        if serving.ident is not None:
-            serving.join(10.0)
-
-
-def _serve(machine: Machine) -> None:
-    try:
-        machine.run(
-            "python3",
-            f"{CODE}/tests/lab/vm/webcam.py",
-            "serve",
-            "/lab/scene/left",
-            "/lab/scene/right",
-            timeout_s=900.0,
-        )
-    except AssertionError:
-        return  # the machine ended, and the cameras with it
 
 
 def test_a_look_on_what_the_webcams_delivered_finds_every_stick(
-    lab: Lab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    lab: Webcams, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = yaml.safe_load(DEMO.read_text())
     for eye in ("left", "right"):
@@ -136,7 +81,7 @@ def _same_stick(ends_m: Floats, sticks_m: Floats) -> int:
     return int(apart.argmin()) if apart.min() < NEAR_M else -1
 
 
-def test_a_picture_is_exposed_after_it_was_asked_for_and_is_a_new_one(lab: Lab) -> None:
+def test_a_picture_is_exposed_after_it_was_asked_for_and_is_a_new_one(lab: Webcams) -> None:
     frames = lab.told("pictures")["frames"]
     assert isinstance(frames, list)
     assert len(frames) == 4
@@ -147,7 +92,7 @@ def test_a_picture_is_exposed_after_it_was_asked_for_and_is_a_new_one(lab: Lab) 
         assert second > first
 
 
-def test_what_was_set_is_what_the_camera_itself_has_automatics_off(lab: Lab) -> None:
+def test_what_was_set_is_what_the_camera_itself_has_automatics_off(lab: Webcams) -> None:
     # keys: unit and selector of the USB Video Class
     wanted = {
         "1.2": 1,
@@ -164,7 +109,7 @@ def test_what_was_set_is_what_the_camera_itself_has_automatics_off(lab: Lab) -> 
         assert {key: has[key] for key in wanted} == wanted
 
 
-def test_twice_the_exposure_is_a_brighter_picture_in_either_format(lab: Lab) -> None:
+def test_twice_the_exposure_is_a_brighter_picture_in_either_format(lab: Webcams) -> None:
     level = {key: float(str(value)) for key, value in lab.told("levels").items()}
     assert 1.7 < level["5000"] / level["2500"] < 2.3
     assert 1.6 < level["10000"] / level["5000"] < 2.3
@@ -192,7 +137,7 @@ def test_twice_the_exposure_is_a_brighter_picture_in_either_format(lab: Lab) -> 
     ],
 )
 def test_a_camera_other_than_its_settings_is_refused_with_the_reason(
-    lab: Lab, what: str, kind: str, says: str
+    lab: Webcams, what: str, kind: str, says: str
 ) -> None:
     refused = lab.told("refusals")["refused"]
     assert isinstance(refused, dict)
@@ -200,7 +145,7 @@ def test_a_camera_other_than_its_settings_is_refused_with_the_reason(
     assert says in refused[what]["says"]
 
 
-def test_every_camera_is_listed_once_by_socket_and_by_serial_number(lab: Lab) -> None:
+def test_every_camera_is_listed_once_by_socket_and_by_serial_number(lab: Webcams) -> None:
     found = lab.told("refusals")["found"]
     assert isinstance(found, list)
     assert [Path(one["device"]).name for one in found] == [
@@ -210,7 +155,7 @@ def test_every_camera_is_listed_once_by_socket_and_by_serial_number(lab: Lab) ->
     assert "MJPG 640x480 at 30, 15, 5 Hz" in found[0]["formats"]
 
 
-def test_a_frozen_camera_is_silent_for_as_long_as_asked_and_then_goes_on(lab: Lab) -> None:
+def test_a_frozen_camera_is_silent_for_as_long_as_asked_and_then_goes_on(lab: Webcams) -> None:
     told = lab.told("life")
     assert told["silent"] is True
     assert 0.5 <= float(str(told["silent_took_s"])) < 0.5 + NOTICED_S
@@ -218,7 +163,7 @@ def test_a_frozen_camera_is_silent_for_as_long_as_asked_and_then_goes_on(lab: La
     assert float(str(told["thawed_after_s"])) < NOTICED_S
 
 
-def test_pictures_cut_short_or_marked_as_spoilt_never_come_out_and_are_counted(lab: Lab) -> None:
+def test_pictures_cut_short_or_marked_as_spoilt_never_come_out_and_are_counted(lab: Webcams) -> None:
     told = lab.told("life")
     short, spoilt = told["short"], told["spoilt"]
     assert isinstance(short, dict)
@@ -228,7 +173,9 @@ def test_pictures_cut_short_or_marked_as_spoilt_never_come_out_and_are_counted(l
     assert spoilt["incomplete"] + spoilt["dropped"] > 5
 
 
-def test_pulling_a_camera_out_is_noticed_at_once_and_plugged_in_it_has_its_settings_again(lab: Lab) -> None:
+def test_pulling_a_camera_out_is_noticed_at_once_and_plugged_in_it_has_its_settings_again(
+    lab: Webcams,
+) -> None:
     told = lab.told("life")
     unplugged, away = told["unplugged"], told["while_away"]
     assert isinstance(unplugged, dict)
@@ -243,7 +190,7 @@ def test_pulling_a_camera_out_is_noticed_at_once_and_plugged_in_it_has_its_setti
     assert (has["1.2"], has["1.4"], has["2.4"], has["2.11"]) == (1, EXPOSED_US // 100, 10, 0)
 
 
-def test_two_cameras_at_30_hz_every_picture_is_new_and_every_lost_one_is_counted(lab: Lab) -> None:
+def test_two_cameras_at_30_hz_every_picture_is_new_and_every_lost_one_is_counted(lab: Webcams) -> None:
     cameras = lab.told("rate")["cameras"]
     assert isinstance(cameras, list)
     assert len(cameras) == 2
@@ -257,7 +204,7 @@ def test_two_cameras_at_30_hz_every_picture_is_new_and_every_lost_one_is_counted
         assert has["stamp_after_exposure_s"] <= 0.0
 
 
-def test_the_contract_of_cameras_holds_for_both_ways_of_capture(lab: Lab) -> None:
+def test_the_contract_of_cameras_holds_for_both_ways_of_capture(lab: Webcams) -> None:
     ran = lab.machine.run(
         *("python3", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", CODE, "-c"),
         *(f"{CODE}/pyproject.toml", f"{CODE}/tests/contract/test_camera.py", "-k", "v4l2"),

@@ -1,4 +1,6 @@
-"""The webcam driver on a scripted device: what a real kernel does not do on request (that is in tests/lab)."""
+"""The webcam driver on a scripted device: what a real kernel does not do on request.
+
+The real one is in tests/lab."""
 
 from __future__ import annotations
 
