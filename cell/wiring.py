@@ -22,6 +22,7 @@ from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
 from drivers.settings import (
     CameraSettings,
+    GigeCameraSettings,
     ReplayCameraSettings,
     SimCameraSettings,
     V4l2CameraSettings,
@@ -79,6 +80,8 @@ def _has_colour(camera: CameraSettings) -> bool:
                 return True  # the camera says so itself when it is opened
             picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
             return picture is None or in_colour(np.asarray(picture, dtype=np.uint8)) is not None
+        case GigeCameraSettings():
+            return camera.colours
         case _:
             assert_never(camera)
 

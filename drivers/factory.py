@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, assert_never
 from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
+    GigeCameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     PlcSettings,
@@ -24,6 +25,7 @@ from drivers.timing import Clock
 from drivers.types import Check, FoundCamera
 
 if TYPE_CHECKING:
+    from drivers.camera.life import Bell
     from drivers.camera.source import Source
 
 
@@ -33,8 +35,8 @@ class Factory:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
 
-    def camera(self, name: str, settings: CameraSettings) -> Camera:
-        """A camera called ``name``."""
+    def camera(self, name: str, settings: CameraSettings, bell: Bell | None = None) -> Camera:
+        """A camera called ``name``; ``bell`` is shared by cameras that expose together on our word."""
         match settings:
             case SimCameraSettings():
                 from drivers.sim.devices import SimCamera
@@ -45,9 +47,18 @@ class Factory:
 
                 return ReplayCamera(name, settings, self.clock)
             case V4l2CameraSettings():
-                from drivers.camera.direct import DirectCamera
+                from drivers.camera.life import Life, OwnedCamera
 
-                return DirectCamera(self._webcam(name, settings), self.clock)
+                life = Life(period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s)
+                return OwnedCamera(self._webcam(name, settings), life, self.clock)
+            case GigeCameraSettings():
+                from drivers.camera.gige import GigeSource
+                from drivers.camera.life import Life, OwnedCamera
+
+                source = GigeSource(name, settings, self.clock)
+                life = Life(period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s)
+                trigger = source.trigger if settings.trigger == "software" else None
+                return OwnedCamera(source, life, self.clock, trigger, bell)
             case _:
                 assert_never(settings)
 
@@ -72,10 +83,15 @@ class Factory:
 
     def rig(self, left: CameraSettings, right: CameraSettings, max_skew_s: float) -> StereoRig:
         """Two cameras, ``camera.left`` and ``camera.right``, as a rig."""
+        from drivers.camera.life import Bell
         from drivers.camera.pair import TwoCameraRig
 
+        bell = Bell()
         return TwoCameraRig(
-            self.camera("camera.left", left), self.camera("camera.right", right), max_skew_s, self.clock
+            self.camera("camera.left", left, bell),
+            self.camera("camera.right", right, bell),
+            max_skew_s,
+            self.clock,
         )
 
     def robot(self, name: str, settings: RobotSettings) -> Robot:

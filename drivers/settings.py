@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 Port = Annotated[int, Field(ge=1, le=65535)]
+IPv4 = Annotated[str, Field(pattern=r"^(\d{1,3}\.){3}\d{1,3}$")]
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
@@ -80,6 +81,9 @@ class V4l2CameraSettings(Settings):
         default=None, description="against flicker of lamps; 0 switches it off, none: as it is"
     )
     buffers: Annotated[int, Field(ge=2, le=32)] = 4
+    lost_s: Annotated[float, Field(ge=0.1, le=30)] = Field(
+        default=1.0, description="silent for this long it counts as lost and is opened anew"
+    )
     delay_s: NonNegativeFloat | None = Field(
         default=None,
         le=2,
@@ -112,8 +116,77 @@ class V4l2CameraSettings(Settings):
         return self
 
 
+class GigeCameraSettings(Settings):
+    """A GigE Vision camera, through Aravis (extra ``gige`` and Debian packages: docs/recipes/gige.md)."""
+
+    driver: Literal["gige"]
+    serial: str | None = Field(
+        default=None,
+        min_length=1,
+        description="as printed on it; found by asking all networks, which takes 1 s",
+    )
+    address: IPv4 | None = Field(
+        default=None, description="instead of serial: its fixed address, without asking"
+    )
+    width_px: PositiveInt
+    height_px: PositiveInt
+    offset_x_px: NonNegativeInt = Field(
+        default=0, description="left edge of the part of the sensor that is read"
+    )
+    offset_y_px: NonNegativeInt = 0
+    pixel_format: Literal[
+        "Mono8", "Mono10", "Mono12", "Mono16", "BayerRG8", "BayerBG8", "BayerGR8", "BayerGB8", "RGB8"
+    ] = Field(default="Mono8", description="GenICam's name; of deeper formats the upper 8 bits are used")
+    exposure_us: PositiveFloat
+    gain: NonNegativeFloat = Field(default=0.0, description="in the camera's own unit, mostly dB")
+    trigger: str = Field(
+        pattern=r"^(free|software|Line\d+)$",
+        description="free: at rate_hz by itself; software: both cameras on the cell's word; "
+        "Line0, Line1, ...: on an electric signal, which must come at least every lost_s",
+    )
+    rate_hz: PositiveFloat = Field(
+        default=20.0, description="of trigger free; with the others the most that is expected"
+    )
+    packet_size: Literal["auto"] | Annotated[int, Field(ge=576, le=9000)] = Field(
+        default="auto",
+        description="bytes; auto is negotiated. Large ones need an MTU of 9000 on the way, lose fewer frames",
+    )
+    socket_buffer_bytes: Annotated[int, Field(ge=65536)] = Field(
+        default=4 * 1024 * 1024,
+        description="room for packets not read yet; at most net.core.rmem_max is given",
+    )
+    resend: bool = Field(default=True, description="ask for lost packets again")
+    lag_s: NonNegativeFloat = Field(
+        default=0.010,
+        description="longest time from the end of an exposure to its first packet; taken off its time",
+    )
+    lost_s: Annotated[float, Field(ge=0.2)] = Field(
+        default=1.0, description="without a frame for this long, the camera counts as lost"
+    )
+
+    @model_validator(mode="after")
+    def _one_name(self) -> Self:
+        if (self.serial is None) == (self.address is None):
+            raise ValueError("one of serial and address is needed, and only one")
+        if self.exposure_us * 1e-6 >= self.lost_s:
+            raise ValueError(
+                f"exposure_us {self.exposure_us:g} is as long as lost_s {self.lost_s:g} or longer"
+            )
+        if self.trigger == "free" and self.exposure_us * 1e-6 > 1.0 / self.rate_hz:
+            raise ValueError(
+                f"exposure_us {self.exposure_us:g} does not fit into a frame at rate_hz {self.rate_hz:g}"
+            )
+        return self
+
+    @property
+    def colours(self) -> bool:
+        """Whether its pictures have colours."""
+        return not self.pixel_format.startswith("Mono")
+
+
 CameraSettings = Annotated[
-    SimCameraSettings | ReplayCameraSettings | V4l2CameraSettings, Field(discriminator="driver")
+    SimCameraSettings | ReplayCameraSettings | V4l2CameraSettings | GigeCameraSettings,
+    Field(discriminator="driver"),
 ]
 
 
@@ -337,6 +410,7 @@ PlcSettings = ModbusPlcSettings
 
 __all__ = [
     "CameraSettings",
+    "GigeCameraSettings",
     "GripperSettings",
     "ModbusPlcSettings",
     "PlcSettings",

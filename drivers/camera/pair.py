@@ -36,6 +36,11 @@ class TwoCameraRig:
         self._right.close()
         self._left.close()
 
+    def check(self) -> None:
+        """`DeviceUnavailable` when one of them is known to be lost."""
+        self._left.check()
+        self._right.check()
+
     def grab_pair(self, *, newer_than: float, timeout_s: float) -> FramePair:
         """Two frames exposed after ``newer_than``, at most ``max_skew_s`` apart.
 
