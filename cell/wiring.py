@@ -16,11 +16,17 @@ from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
-from cell.pictures import PictureCheck
+from cell.pictures import PictureCheck, Standing
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
-from drivers.settings import CameraSettings, GigeCameraSettings, ReplayCameraSettings, SimCameraSettings
+from drivers.settings import (
+    CameraSettings,
+    GigeCameraSettings,
+    ReplayCameraSettings,
+    SimCameraSettings,
+    V4l2CameraSettings,
+)
 from drivers.timing import Clock
 
 
@@ -64,6 +70,8 @@ def _has_colour(camera: CameraSettings) -> bool:
     match camera:
         case SimCameraSettings():
             return True
+        case V4l2CameraSettings():
+            return camera.format != "GREY"
         case ReplayCameraSettings():
             try:
                 first = min(camera.folder.glob(camera.pattern), default=None)
@@ -109,6 +117,8 @@ def build(
     gripper = factory.gripper("gripper", config.gripper, robot)
     if known.base_from_camera is None:
         raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
+    table = calibration.table_of(known, config.workspace.floor_z_m)
+    standing = Standing.of(known, table, config.tuning.height_m)
     station = Station(
         rig=rig,
         robot=robot,
@@ -116,7 +126,7 @@ def build(
         gripper=gripper,
         stereo=known.stereo,
         base_from_camera=known.base_from_camera,
-        table=calibration.table_of(known, config.workspace.floor_z_m),
+        table=table,
         tuning=config.tuning.tuning(),
         parts=config.parts,
         heaps=config.heaps,
@@ -125,7 +135,7 @@ def build(
         jaws=config.jaws,
         motion=config.motion,
         clock=cell_clock,
-        pictures=PictureCheck(),
+        pictures=PictureCheck(standing),
         missed=MissedParts(),
         progress=progress,
         looked=looked,

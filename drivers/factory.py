@@ -19,12 +19,14 @@ from drivers.settings import (
     SimGripperSettings,
     SimRobotSettings,
     UrRobotSettings,
+    V4l2CameraSettings,
 )
 from drivers.timing import Clock
-from drivers.types import Check
+from drivers.types import Check, FoundCamera
 
 if TYPE_CHECKING:
     from drivers.camera.life import Bell
+    from drivers.camera.source import Source
 
 
 class Factory:
@@ -44,6 +46,11 @@ class Factory:
                 from drivers.camera.replay import ReplayCamera
 
                 return ReplayCamera(name, settings, self.clock)
+            case V4l2CameraSettings():
+                from drivers.camera.life import Life, OwnedCamera
+
+                life = Life(period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s)
+                return OwnedCamera(self._webcam(name, settings), life, self.clock)
             case GigeCameraSettings():
                 from drivers.camera.gige import GigeSource
                 from drivers.camera.life import Life, OwnedCamera
@@ -56,6 +63,25 @@ class Factory:
                 return OwnedCamera(source, life, self.clock, trigger, bell)
             case _:
                 assert_never(settings)
+
+    def _webcam(self, name: str, settings: V4l2CameraSettings) -> Source:
+        match settings.capture:
+            case "ioctl":
+                from drivers.camera.v4l2 import V4l2Source
+
+                return V4l2Source(name, settings, self.clock)
+            case "opencv":
+                from drivers.camera.opencv import OpencvSource
+
+                return OpencvSource(name, settings, self.clock)
+            case _:
+                assert_never(settings.capture)
+
+    def cameras_found(self) -> tuple[FoundCamera, ...]:
+        """The cameras that can be seen from here, configured or not; those of each kind by name."""
+        from drivers.camera import v4l2_list
+
+        return v4l2_list.found()
 
     def rig(self, left: CameraSettings, right: CameraSettings, max_skew_s: float) -> StereoRig:
         """Two cameras, ``camera.left`` and ``camera.right``, as a rig."""

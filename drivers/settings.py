@@ -52,6 +52,70 @@ class ReplayCameraSettings(Settings):
     repeat: bool = Field(default=False, description="start again after the last picture")
 
 
+class V4l2CameraSettings(Settings):
+    """A webcam (V4L2). Everything that is set is read back; a camera that has it otherwise is refused."""
+
+    driver: Literal["v4l2"]
+    device: Path = Field(
+        description="a name that stays: /dev/v4l/by-path/...-video-index0 (the socket it is plugged into) or "
+        "/dev/v4l/by-id/... (its serial number)"
+    )
+    capture: Literal["ioctl", "opencv"] = Field(
+        default="ioctl",
+        description="opencv: through OpenCV's VideoCapture, where a camera does not get on with our own; "
+        "without numbers and error flags of pictures, and power_line_hz cannot be verified",
+    )
+    width_px: PositiveInt
+    height_px: PositiveInt
+    format: Literal["MJPG", "YUYV", "GREY"] = Field(
+        default="MJPG", description="YUYV has no compression and takes many times the USB bandwidth"
+    )
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 30.0
+    exposure_us: PositiveInt = Field(description="exposure time, by hand; in steps of 100")
+    gain: int | None = Field(default=None, description="in the camera's own counts; none: as it is")
+    white_balance_k: PositiveInt | None = Field(default=None, description="kelvin; none: as it is")
+    focus: NonNegativeInt | None = Field(
+        default=None, description="in the camera's own counts; none: as it is"
+    )
+    power_line_hz: Literal[0, 50, 60] | None = Field(
+        default=None, description="against flicker of lamps; 0 switches it off, none: as it is"
+    )
+    buffers: Annotated[int, Field(ge=2, le=32)] = 4
+    lost_s: Annotated[float, Field(ge=0.1, le=30)] = Field(
+        default=1.0, description="silent for this long it counts as lost and is opened anew"
+    )
+    delay_s: NonNegativeFloat | None = Field(
+        default=None,
+        le=2,
+        description="longest time from the end of an exposure to its first bytes on the bus; none: the time "
+        "between two pictures",
+    )
+
+    @property
+    def worst_delay_s(self) -> float:
+        """How long before its first bytes a picture's exposure may have begun."""
+        delay_s = 1.0 / self.rate_hz if self.delay_s is None else self.delay_s
+        return self.exposure_us * 1e-6 + delay_s
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        if not self.device.is_absolute():
+            raise ValueError(f"device {self.device}: give the whole path, /dev/v4l/by-path/...")
+        if self.device.parent == Path("/dev") and self.device.name.startswith("video"):
+            raise ValueError(
+                f"device {self.device}: this number changes when cameras are plugged in; take the camera's "
+                "name under /dev/v4l/by-path or /dev/v4l/by-id (`mikado camera list` shows them)"
+            )
+        if self.exposure_us % 100:
+            raise ValueError(f"exposure_us {self.exposure_us}: webcams count in steps of 100 us")
+        if self.exposure_us * 1e-6 > 1.0 / self.rate_hz:
+            raise ValueError(
+                f"exposure_us {self.exposure_us}: longer than the {1e6 / self.rate_hz:.0f} us between "
+                f"pictures at {self.rate_hz:g} Hz"
+            )
+        return self
+
+
 class GigeCameraSettings(Settings):
     """A GigE Vision camera, through Aravis (extra ``gige`` and Debian packages: docs/recipes/gige.md)."""
 
@@ -121,7 +185,8 @@ class GigeCameraSettings(Settings):
 
 
 CameraSettings = Annotated[
-    SimCameraSettings | ReplayCameraSettings | GigeCameraSettings, Field(discriminator="driver")
+    SimCameraSettings | ReplayCameraSettings | V4l2CameraSettings | GigeCameraSettings,
+    Field(discriminator="driver"),
 ]
 
 
@@ -362,4 +427,5 @@ __all__ = [
     "Three",
     "UrReachSettings",
     "UrRobotSettings",
+    "V4l2CameraSettings",
 ]
