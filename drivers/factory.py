@@ -20,6 +20,7 @@ from drivers.settings import (
     SimRobotSettings,
     UrRobotSettings,
     V4l2CameraSettings,
+    runs_freely,
 )
 from drivers.timing import Clock
 from drivers.types import Check, FoundCamera
@@ -94,6 +95,7 @@ class Factory:
             self.camera("camera.right", right, bell),
             max_skew_s,
             self.clock,
+            free_running=runs_freely(left) or runs_freely(right),
         )
 
     def robot(self, name: str, settings: RobotSettings) -> Robot:
