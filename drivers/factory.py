@@ -56,7 +56,9 @@ class Factory:
                 from drivers.camera.life import Life, OwnedCamera
 
                 source = GigeSource(name, settings, self.clock)
-                life = Life(period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s)
+                life = Life(
+                    period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s, idle_s=settings.lost_s / 2.0
+                )
                 trigger = source.trigger if settings.trigger == "software" else None
                 return OwnedCamera(source, life, self.clock, trigger, bell)
             case _:

@@ -102,6 +102,12 @@ class Aravis:
         device: Any = camera.get_device()
         return bool(device.is_controller())
 
+    def leave(self, camera: AravisCamera) -> None:
+        """Give control up."""
+        device: Any = camera.get_device()
+        if device.is_controller():
+            device.leave_control()
+
     def on_control_lost(self, camera: AravisCamera, tell: Callable[[], None]) -> None:
         """``tell`` is called in a thread of the library."""
         device: Any = camera.get_device()

@@ -45,6 +45,7 @@ class GigeSource:
         self._payload = 0
         self._gone = threading.Event()
         self._device_clock = DeviceClock()
+        self._answer_clock = DeviceClock()  # the other way round: the device's clock from our words
         self._frame_id: int | None = None
         self._triggered_at = -math.inf
         self._sequence = 0
@@ -96,7 +97,7 @@ class GigeSource:
         self._payload = camera.get_payload()
         for _ in range(BUFFERS):
             stream.push_buffer(library.buffer(self._payload))
-        self._device_clock = DeviceClock()
+        self._device_clock, self._answer_clock = DeviceClock(), DeviceClock()
         self._frame_id, self._triggered_at, self._resent_before = None, -math.inf, 0
         camera.start_acquisition()
         log.info(
@@ -258,10 +259,13 @@ class GigeSource:
         if device_ns > 0:
             device_s = device_ns * 1e-9
             earliest = min(came_at, self._device_clock.add(device_s, came_at).ours(device_s))
-        earliest -= wanted.exposure_us * 1e-6 + wanted.lag_s
-        if 0.0 < self._triggered_at - earliest <= wanted.lag_s + wanted.exposure_us * 1e-6:
-            return self._triggered_at  # it cannot be older than the word it was taken on
-        return earliest
+            sent_at = self._triggered_at
+            if earliest >= sent_at > -math.inf:
+                # taken on our last word, and no sooner than that came; what it took longer than the quickest
+                # answer is told by the device
+                quickest_s = self._answer_clock.add(sent_at, device_s).ours(sent_at)
+                return sent_at + max(0.0, device_s - quickest_s)
+        return earliest - wanted.exposure_us * 1e-6 - wanted.lag_s
 
     # ------------------------------------------------------------------ stop
 
@@ -275,6 +279,7 @@ class GigeSource:
             try:
                 if stream is not None:
                     camera.stop_acquisition()
+                library.leave(camera)  # somebody may still hold a reference: a traceback is enough
             except library.Error as error:
                 log.info("gige_camera_did_not_stop", camera=self._name, detail=str(error))
         del stream, camera

@@ -262,7 +262,8 @@ class OwnedCamera:
                     if self._state in (CameraState.READY, CameraState.SUSPECT):
                         self._losses += 1
                         pause_s = first
-                    self._error = error
+                    self._error = error.with_traceback(None)  # whose frames would keep the dead camera
+                    self._error.__cause__ = None
                 self._set(CameraState.LOST, error.detail)
             self._source.stop()
             if not ending.is_set():
@@ -275,7 +276,7 @@ class OwnedCamera:
     def _stream(self, ending: threading.Event, clock: Clock) -> None:
         """Frames into the slot until asked to end; `DeviceUnavailable` after too long a silence."""
         good = 0
-        heard_at = clock.now()
+        heard_at = asked_at = clock.now()
         answered = True
         while not ending.is_set():
             self._alive_at = clock.now()
@@ -286,9 +287,12 @@ class OwnedCamera:
                 self._ear.clear()
                 if ending.is_set():
                     return
+                now = clock.now()
                 if answered:  # silence counts from the question on
-                    heard_at = clock.now()
-                self._trigger()
+                    heard_at = now
+                if answered or now - asked_at >= self._life.lost_s / 2.0:
+                    asked_at = now
+                    self._trigger()
             frame = self._source.next(min(_POLL_S, self._life.suspect_s))
             now = clock.now()
             answered = frame is not None
