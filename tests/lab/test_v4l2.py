@@ -26,8 +26,8 @@ DEMO = ROOT / "configs" / "demo" / "cell.yaml"
 EXPOSED_US = 5000
 NEAR_M = 0.003
 FRESH_S = 20.0
-NOTICED_S = 2.0
-BACK_S = 15.0
+NOTICED_S = 5.0
+BACK_S = 30.0
 WORK_S = 300.0
 
 
