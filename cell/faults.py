@@ -91,7 +91,7 @@ TABLE: Final[dict[FaultCode, Row]] = {
         result=ResultCode.VISION_ERROR, action=f"the two pictures were too far apart in time; {_RESET}"
     ),
     FaultCode.IMAGE_UNUSABLE: Row(
-        result=ResultCode.VISION_ERROR, action=f"check light, lens cap, exposure; {_RESET}"
+        result=ResultCode.VISION_ERROR, action=f"check light, lens cap, focus, exposure; {_RESET}"
     ),
     FaultCode.VISION_INTERNAL: Row(
         result=ResultCode.VISION_ERROR, action="reset; send the journal to the makers if it comes again"

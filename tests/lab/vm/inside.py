@@ -1,6 +1,6 @@
 """Runs in the virtual machine: the project's own driver on the cameras there; prints one JSON document.
 
-inside.py pictures FOLDER | refusals | life | rate SECONDS | compare SECONDS
+inside.py pictures FOLDER | refusals | life | owned | rate SECONDS | compare SECONDS
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from statistics import median
 import cv2
 import numpy as np
 
+from drivers.camera.life import CameraState, OwnedCamera
 from drivers.camera.opencv import OpencvSource
 from drivers.camera.source import Source
 from drivers.camera.v4l2 import V4l2Source
 from drivers.camera.v4l2_list import found
 from drivers.errors import DriverError
+from drivers.factory import Factory
 from drivers.settings import V4l2CameraSettings
 from drivers.timing import MonotonicClock
 from drivers.types import Frame, Pixels
@@ -231,6 +233,45 @@ def life() -> Json:
     return told
 
 
+def owned() -> Json:
+    """The camera as a cell has it, with its owner thread: lost when it freezes or is pulled out, and back."""
+    camera = Factory(CLOCK).camera("camera.left", settings(0, rate_hz=5, lost_s=2.0))
+    assert isinstance(camera, OwnedCamera)
+    told: Json = {}
+
+    def until(ready: bool, since: float) -> float:
+        ends_at = since + 40.0
+        while (camera.status().state is CameraState.READY) is not ready:
+            assert time.monotonic() < ends_at, camera.status()
+            time.sleep(0.01)
+        return time.monotonic() - since
+
+    began = time.monotonic()
+    camera.open()
+    told["open_s"] = time.monotonic() - began
+    try:
+        for fault, mend in (("frozen", "none"), ("unplug", "plug")):
+            before = number_of(camera.grab(newer_than=time.monotonic(), timeout_s=20.0).pixels)
+            upset_at = number(tell(fault), "at")
+            told[f"{fault}_seen_s"] = until(False, upset_at)
+            while camera.status().state not in (CameraState.LOST, CameraState.BACKOFF):
+                time.sleep(0.01)
+            told[f"{fault}_lost_s"] = time.monotonic() - upset_at
+            try:
+                camera.grab(newer_than=time.monotonic(), timeout_s=5.0)
+            except DriverError as error:
+                told[f"{fault}_says"] = f"{type(error).__name__}: {error}"
+            mended_at = number(tell(mend), "at")
+            told[f"{mend}_ready_s"] = until(True, mended_at)
+            after = number_of(camera.grab(newer_than=mended_at, timeout_s=20.0).pixels)
+            told[f"{mend}_is_new"] = after > before
+        told["losses"] = camera.status().losses
+        told["controls"] = tell("state")["controls"]
+    finally:
+        camera.close()
+    return told
+
+
 def number(answer: Json, key: str) -> float:
     """A number of an answer."""
     value = answer[key]
@@ -304,6 +345,8 @@ def main(argv: list[str]) -> None:
                 told = refusals()
             case "life":
                 told = life()
+            case "owned":
+                told = owned()
             case "rate":
                 told = rate(RATE_S)
             case _:
