@@ -78,6 +78,15 @@ class Factory:
             case _:
                 assert_never(settings.capture)
 
+    def camera_checks(self, left: CameraSettings, right: CameraSettings) -> tuple[Check, ...]:
+        """What a look at what the cameras need on this machine shows; opens no camera."""
+        wanted = tuple(one for one in (left, right) if isinstance(one, GigeCameraSettings))
+        if not wanted:
+            return ()
+        from drivers.camera.gige_checks import checks
+
+        return checks(wanted)
+
     def cameras_found(self) -> tuple[FoundCamera, ...]:
         """The cameras that can be seen from here, configured or not; those of each kind by name."""
         from drivers.camera import v4l2_list

@@ -66,7 +66,7 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
         )
         try:
             with daemon(written(tmp_path, arm.host, port)) as running:
-                running.wait_for("state_changed", START_S, after="IDLE")
+                running.wait_for("state_changed", 4 * START_S, after="IDLE")
                 assert plc.wait(MOST_S) == 0, out.read_text()
                 picked = [line for line in running.events("pick_finished") if line["outcome"] == "PICKED"]
                 skews = [line["skew_s"] for line in running.events("look_finished")]
