@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test soak soak-cameras check format bench lock clean
+.PHONY: help demo test soak chaos soak-cameras check format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
@@ -27,8 +27,11 @@ test: $(VENV)/.dev  ## all tests that need no hardware
 	$(BIN)/pytest -q -n 2 --dist loadfile
 
 PICKS ?= 200
-soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N)
-	$(BIN)/pytest -q -s tests/lab --picks $(PICKS)
+soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N); a minute of Modbus nonsense
+	$(BIN)/pytest -q -s -n 0 tests/lab/test_soak.py tests/lab/test_garbage.py --picks $(PICKS) --garbage-s 60
+
+chaos: $(VENV)/.dev  ## bad nights: picks with random faults on two simulated cells side by side (PICKS=2000 for a long one)
+	$(BIN)/pytest -q -s -n 0 tests/lab/test_chaos.py --picks $(PICKS)
 
 MINUTES ?= 30
 soak-cameras: $(VENV)/.dev  ## two GigE Vision cameras at 30 frames a second, half an hour (MINUTES=N), as root

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from cell import logs, origin
 from cell.commands import GROUPS
-from cell.errors import CalibrationError, ConfigError, UsageError
+from cell.errors import CalibrationError, ConfigError, JournalError, UsageError
 
 Number = TypeVar("Number", int, float)
 
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(error, EXIT_USAGE)
     except PictureUnusable as error:
         return _fail(f"{error}; check the camera, its light and its exposure", EXIT_USAGE)
-    except DriverError as error:
+    except (DriverError, JournalError) as error:
         return _fail(error, EXIT_FAILED)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
@@ -65,9 +65,9 @@ def _run(arguments: argparse.Namespace) -> int:
         from cell import daemon
 
         logs.setup(as_json=True if arguments.json else None)
-        return daemon.run(arguments.config)
+        return daemon.run(arguments.config, arguments.last_good)
     if command == "check":
-        return _check(arguments.config)
+        return _check(arguments.config, arguments.keep)
     if command == "doctor":
         from cell.commission.doctor import doctor
 
@@ -89,6 +89,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 config=arguments.config,
                 out=arguments.out,
                 driver=arguments.driver,
+                plc=arguments.plc,
                 sticks=arguments.sticks,
                 seed=arguments.seed,
                 speed=arguments.speed or (1.0 if ur else 4.0),
@@ -99,11 +100,15 @@ def _run(arguments: argparse.Namespace) -> int:
     return run(arguments)
 
 
-def _check(path: Path) -> int:
+def _check(path: Path, keep: Path | None) -> int:
     from cell import config, wiring
 
     loaded = config.load(path)
     known = wiring.check(loaded, str(path))
+    if keep is not None:
+        from cell import last_good
+
+        last_good.keep(path, keep)
     Console(soft_wrap=True).print(
         f"{path}: good. Cell {loaded.name}, {len(loaded.parts)} part(s); calibration {known.path} "
         f"(units {known.units}).",
@@ -186,8 +191,17 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("config", type=Path, metavar="CONFIG")
     run.add_argument("--json", action="store_true", help="log JSON even on a terminal")
 
+    run.add_argument(
+        "--last-good",
+        type=Path,
+        metavar="FILE",
+        help="keep a good CONFIG here, and start with this one when CONFIG cannot be used (with an alarm)",
+    )
+
     check = commands.add_parser("check", help="check a configuration and its calibration; opens no device")
     check.add_argument("config", type=Path, metavar="CONFIG")
+
+    check.add_argument("--keep", type=Path, metavar="FILE", help="copy it here when it is good")
 
     doctor = commands.add_parser(
         "doctor", help="look at configuration, arm and gripper before the cell runs; moves nothing"
@@ -244,6 +258,12 @@ def parser() -> argparse.ArgumentParser:
         choices=("ur", "sim"),
         default="ur",
         help="ur: the arm's driver against a simulated controller; sim: the simulated cell's own arm",
+    )
+    demo.add_argument(
+        "--plc",
+        choices=("server", "client"),
+        default="server",
+        help="the PLC's role on Modbus TCP; server: the cell polls it; client: it polls the cell",
     )
     demo.add_argument(
         "--speed", type=_positive, help="simulated seconds per second (default: 1 with ur, 4 with sim)"

@@ -14,6 +14,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from cell import yamlfile
 from cell.errors import ConfigError
+from cell.operation import OperationConfig
 from cell.products import TOLD_BY_WIDTH, ColourConfig, PartConfig
 from drivers.settings import (
     CameraSettings,
@@ -165,6 +166,14 @@ class FilesConfig(Settings):
     calibration: Path = Field(description="written by the calibration tools, never by hand")
     journal: Path = Field(description="SQLite; its folder must be writable and kept")
     overlays: Path | None = Field(default=None, description="folder for one overlay picture per look")
+    state: Path | None = Field(
+        default=None, description="folder for state.json (figures, alarms); default: the journal's folder"
+    )
+
+    @property
+    def state_folder(self) -> Path:
+        """Where figures and alarms are kept."""
+        return self.journal.parent if self.state is None else self.state
 
 
 class CellConfig(Settings):
@@ -186,6 +195,7 @@ class CellConfig(Settings):
         "none is looked for as if nothing else lay there",
     )
     tuning: TuningConfig = TuningConfig()
+    operation: OperationConfig = OperationConfig()
     files: FilesConfig
     allow_mixed: bool = Field(default=False, description="simulated and real devices in one cell")
 
@@ -291,8 +301,10 @@ def heap_of(
     return tuple(other for other in parts if other.code in codes and other.code != part.code)
 
 
-def load(path: Path) -> CellConfig:
+def load(path: Path, home: Path | None = None) -> CellConfig:
     """Read and check a configuration; its relative paths come back absolute.
+
+    ``home`` is what they are relative to, where that is not the file's own folder.
 
     Raises
     ------
@@ -300,12 +312,13 @@ def load(path: Path) -> CellConfig:
         With file, line and key.
     """
     config = yamlfile.load(path, CellConfig)
-    home = path.resolve().parent
+    home = home or path.resolve().parent
     files = config.files
     resolved = files.model_copy(
         update={
             "calibration": home / files.calibration,
             "journal": home / files.journal,
+            "state": None if files.state is None else home / files.state,
             "overlays": None if files.overlays is None else home / files.overlays,
         }
     )

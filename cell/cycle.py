@@ -2,67 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import assert_never
 
 from cell import frames
-from cell.config import PartConfig
+from cell.faults import PictureUnusable
 from cell.finding import Finding, confirmed
 from cell.logs import logger
-from cell.pictures import require_colour
+from cell.motions import home, hover, lift, move_clear, place
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
 from cell.reaching import reach_of
 from cell.results import nothing_to_pick, plain, report
+from cell.sight import Sight
+from cell.sighting import look
+from cell.stages import Times
 from cell.station import Look, Stage, Station
-from cell.stopwatch import StageTimes
 from cell.types import Outcome, Pick, PickOrder, PickResult
+from drivers.errors import DriverError
 from drivers.timing import StopToken
-from drivers.types import FramePair, Grip, JointAngles, Pixels, PlcCommand, ResultCode
+from drivers.types import Grip, PlcCommand, ResultCode
 from vision import transforms
 from vision.locate import locate
 from vision.published import Observer
-from vision.types import Candidate, Floats, Grey, Scene, Transform
+from vision.types import Candidate, Floats, Scene
 
 log = logger("cycle")
-
-
-@dataclass(slots=True)
-class Times:
-    """Seconds by stage of one order; a stage that comes twice adds up."""
-
-    spent_s: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, station: Station, stage: Stage) -> Iterator[None]:
-        """Time a stage and tell the station that it began."""
-        station.progress(stage)
-        began_at = station.clock.now()
-        try:
-            yield
-        finally:
-            self.add(stage.value, station.clock.now() - began_at)
-
-    def add(self, name: str, seconds: float) -> None:
-        """Count time for a stage."""
-        self.spent_s[name] = round(self.spent_s.get(name, 0.0) + seconds, 4)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Sight:
-    """What one look has to go on: the pair and its pictures, and where the tool was when they were taken."""
-
-    order: PickOrder
-    part: PartConfig
-    among: tuple[PartConfig, ...]
-    pair: FramePair
-    left: Grey
-    right: Grey
-    colour: Pixels | None
-    tool: Transform
-    watch: StageTimes
 
 
 def run_order(station: Station, order: PickOrder, stop: StopToken) -> PickResult:
@@ -77,6 +43,8 @@ def run_order(station: Station, order: PickOrder, stop: StopToken) -> PickResult
     """
     began_at = station.clock.now()
     times = Times()
+    if order.command not in (PlcCommand.PICK, PlcCommand.PICK_AND_PLACE, PlcCommand.PING):
+        station.prepared.drop()
     result = _dispatch(station, order, stop, times)
     return _timed(result, station.clock.now() - began_at, times)
 
@@ -86,7 +54,7 @@ def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times)
         case PlcCommand.PING:
             return plain(order, ResultCode.OK)
         case PlcCommand.HOME:
-            _home(station, order, stop, times)
+            home(station, order, stop, times)
             return plain(order, ResultCode.OK)
         case PlcCommand.GRIPPER_OPEN:
             with times.stage(station, Stage.GRIP):
@@ -99,16 +67,18 @@ def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times)
                 held = station.gripper.grasp(stop=stop)
             return plain(order, ResultCode.OK, detail=int(held is Grip.HOLDING))
         case PlcCommand.PLACE:
+            if not station.places.any_free:
+                return plain(order, ResultCode.PLACE_BLOCKED)
             held = station.gripper.grip()
             if held is not Grip.HOLDING:
                 return plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
-            if _place(station, order, stop, times) is not ResultCode.OK:
+            if place(station, order, stop, times) is not ResultCode.OK:
                 return plain(order, ResultCode.PART_LOST, outcome=Outcome.MISSED)
             # not PICKED: the part was counted by the order that picked it
             return plain(order, ResultCode.OK, quantity=1)
         case PlcCommand.VISION_ONLY | PlcCommand.PICK | PlcCommand.PICK_AND_PLACE:
             return _pick_with_attempts(station, order, stop, times)
-        case PlcCommand.RETRACT | PlcCommand.LOAD_RECIPE | PlcCommand.RECOVER:
+        case PlcCommand.RETRACT | PlcCommand.LOAD_RECIPE | PlcCommand.RECOVER | PlcCommand.SET_MODE:
             return plain(order, ResultCode.UNKNOWN_COMMAND)
         case _:
             assert_never(order.command)
@@ -117,10 +87,14 @@ def _dispatch(station: Station, order: PickOrder, stop: StopToken, times: Times)
 def _pick_with_attempts(station: Station, order: PickOrder, stop: StopToken, times: Times) -> PickResult:
     if station.part(order.part_code) is None:
         return plain(order, ResultCode.BAD_PARAMETER, detail=order.part_code)
-    if order.command is not PlcCommand.VISION_ONLY and station.gripper.grip() is Grip.HOLDING:
+    fetches = order.command is not PlcCommand.VISION_ONLY and not order.dry_run
+    if fetches and order.command is PlcCommand.PICK_AND_PLACE and not station.places.any_free:
+        return plain(order, ResultCode.PLACE_BLOCKED)
+    if fetches and station.gripper.grip() is Grip.HOLDING:
         # left over from an order that was cut short; it must be out of the hand before the next
         log.warning("part_found_in_gripper", request_id=order.request_id)
-        _place(station, order, stop, times)
+        if place(station, order, stop, times) is ResultCode.PLACE_BLOCKED:
+            return plain(order, ResultCode.PLACE_BLOCKED)
     for attempt in range(1, order.max_attempts + 1):
         result = run_cycle(station, order, stop, times)
         if result.outcome is not Outcome.MISSED or attempt == order.max_attempts:
@@ -131,76 +105,79 @@ def _pick_with_attempts(station: Station, order: PickOrder, stop: StopToken, tim
 
 def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times) -> PickResult:
     """One look and one pick. The arm sets out on the first certain answer; the rest follows."""
-    clear_at = _move_clear(station, order, stop, times)
-    sight = _look(station, order, clear_at, times)
+    sight, search = _prepared(station, order, stop, times) or _fresh(station, order, stop, times)
     station.missed.new_look()
-    with Finding(partial(_find, station, sight), sight.watch) as finding:
+    with search as finding:
         with times.stage(station, Stage.FIND):
             first = finding.first(stop)
         early = _early_pick(station, sight, first, times)
         code = None if early is None else _fetch_early(station, sight, early, first, finding, stop, times)
-        look = _whole_look(station, sight, finding, stop, times)
-    station.looked(look)
+        seen = _whole_look(station, sight, finding, stop, times)
+    station.looked(seen)
     if early is not None and code is not None:
-        return _fetched(station, order, look, early, _refused(look), code, stop, times)
-    chosen, unreachable = _choose(station, look.plans)
-    refused = [*_refused(look), *unreachable]
+        return _fetched(station, order, seen, early, _refused(seen), code, stop, times)
+    chosen, unreachable = _choose(station, seen.plans)
+    refused = [*_refused(seen), *unreachable]
     if chosen is None:
-        return nothing_to_pick(station, order, look, refused)
+        return nothing_to_pick(station, order, seen, refused)
     if order.command is PlcCommand.VISION_ONLY:
-        return report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
+        return report(order, seen, chosen, refused, ResultCode.OK, Outcome.NONE)
     if order.dry_run:
-        _hover(station, chosen, order, stop, times)
-        return report(order, look, chosen, refused, ResultCode.OK, Outcome.NONE)
+        hover(station, chosen, order, stop, times)
+        return report(order, seen, chosen, refused, ResultCode.OK, Outcome.NONE)
     with times.stage(station, Stage.FETCH):
         _reach(station, chosen, order, stop)
         code = _grip(station, chosen, order, stop)
-    return _fetched(station, order, look, chosen, refused, code, stop, times)
+    return _fetched(station, order, seen, chosen, refused, code, stop, times)
 
 
 # --------------------------------------------------------------------------- look, find, plan
 
 
-def _move_clear(station: Station, order: PickOrder, stop: StopToken, times: Times) -> float:
-    """Out of the cameras' view; the instant from which a picture may be used."""
+def _fresh(station: Station, order: PickOrder, stop: StopToken, times: Times) -> tuple[Sight, Finding]:
+    """Out of the way, and a picture taken from then on."""
+    clear_at = move_clear(station, order, stop, times)
+    sight = look(station, order, clear_at, times)
+    return sight, Finding(partial(_find, station, sight), sight.watch)
+
+
+def _prepared(
+    station: Station, order: PickOrder, stop: StopToken, times: Times
+) -> tuple[Sight, Finding] | None:
+    """The sight that was taken on the way to the place, where it may still be used."""
+    ready = station.prepared.take(order, station.operation.strategy.prepared_max_age_s, station.clock.now())
+    if ready is None:
+        return None
+    log.info("prepared_look_used", request_id=order.request_id)
     with times.stage(station, Stage.CLEAR):
-        _lift(station, order, stop)
-        watch = JointAngles(q_rad=station.workspace.watch_q_rad)
-        station.robot.move_joints(watch, station.joint_motion(order.speed_fraction), stop)
-    return station.clock.now()
+        lift(station, order, stop)
+    now = frames.transform_of(station.robot.state().tool)
+    return replace(ready.sight, order=order, tool=now), ready.finding
 
 
-def _lift(station: Station, order: PickOrder, stop: StopToken) -> None:
-    """Straight up first when the tool is low: an order may have been cut short among the parts."""
-    tool = station.robot.state().tool
-    if tool.z < station.workspace.travel_z_m - 1e-3:
-        target = frames.raised(tool, station.workspace.travel_z_m)
-        station.robot.move_line(target, station.approach(order.speed_fraction), stop)
+def _prepare(station: Station, order: PickOrder, times: Times) -> None:
+    """The arm has just passed the point from which on it is out of both pictures: look, and begin to search.
+
+    What goes wrong here is left to the next order, which looks again: a part is in the hand.
+    """
+    clear_at = station.clock.now()
+    try:
+        sight = look(station, order, clear_at, times)
+    except (DriverError, PictureUnusable) as error:
+        log.warning("look_while_placing_failed", request_id=order.request_id, detail=str(error))
+        return
+    finding = Finding(partial(_find, station, sight), sight.watch)
+    station.prepared.begin(sight, finding, clear_at)
 
 
-def _look(station: Station, order: PickOrder, clear_at: float, times: Times) -> _Sight:
-    part = station.part(order.part_code)
-    assert part is not None, "checked before the arm moved"
-    among = station.among(part)
-    with times.stage(station, Stage.LOOK):
-        pair = station.rig.grab_pair(newer_than=clear_at, timeout_s=station.cameras.look_timeout_s)
-        left, right = station.pictures.check(pair)
-        told = next((one for one in (part, *among) if one.colour is not None), None)
-        colour = None if told is None else require_colour(pair.left, told.name)
-    return _Sight(
-        order=order,
-        part=part,
-        among=among,
-        pair=pair,
-        left=left,
-        right=right,
-        colour=colour,
-        tool=frames.transform_of(station.robot.state().tool),
-        watch=StageTimes(station.clock),
-    )
+def _at_clear(station: Station, order: PickOrder, times: Times) -> Callable[[], None] | None:
+    """What is done on the way to the place: nothing, or the next look."""
+    if not station.operation.strategy.look_while_placing:
+        return None
+    return partial(_prepare, station, order, times)
 
 
-def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
+def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
     return locate(
         sight.left,
         sight.right,
@@ -214,7 +191,7 @@ def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
     )
 
 
-def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
+def _plans(station: Station, sight: Sight, scene: Scene) -> tuple[Plan, ...]:
     return plan_picks(
         scene,
         station.base_from_camera,
@@ -229,7 +206,7 @@ def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
     )
 
 
-def _early_pick(station: Station, sight: _Sight, first: Scene, times: Times) -> Pick | None:
+def _early_pick(station: Station, sight: Sight, first: Scene, times: Times) -> Pick | None:
     """A pick of the first answer that leaves nothing to be wished for; None: wait for the whole scene."""
     fetches = sight.order.command in (PlcCommand.PICK, PlcCommand.PICK_AND_PLACE)
     if first.complete or not fetches or sight.order.dry_run:
@@ -243,7 +220,7 @@ def _early_pick(station: Station, sight: _Sight, first: Scene, times: Times) -> 
 
 def _fetch_early(
     station: Station,
-    sight: _Sight,
+    sight: Sight,
     early: Pick,
     first: Scene,
     finding: Finding,
@@ -263,7 +240,7 @@ def _fetch_early(
         return _grip(station, early, sight.order, stop)
 
 
-def _whole_look(station: Station, sight: _Sight, finding: Finding, stop: StopToken, times: Times) -> Look:
+def _whole_look(station: Station, sight: Sight, finding: Finding, stop: StopToken, times: Times) -> Look:
     """The look with everything in it; waits for the rest of the scene where an early pick was quicker."""
     if not finding.ended:
         with times.stage(station, Stage.FIND):
@@ -316,13 +293,6 @@ def _middle(station: Station, candidate: Candidate) -> Floats:
 # --------------------------------------------------------------------------- fetch and place
 
 
-def _hover(station: Station, pick: Pick, order: PickOrder, stop: StopToken, times: Times) -> None:
-    """Dry run: to the approach pose and up again, without gripping."""
-    with times.stage(station, Stage.FETCH):
-        for pose in (pick.retreat, pick.approach, pick.retreat):
-            station.robot.move_line(pose, station.travel(order.speed_fraction), stop)
-
-
 def _reach(station: Station, pick: Pick, order: PickOrder, stop: StopToken) -> None:
     """Above the part, with an open hand."""
     travel = station.travel(order.speed_fraction)
@@ -361,29 +331,12 @@ def _fetched(
 ) -> PickResult:
     """Into the drop place where the order says so; a part that is not in the hand is remembered."""
     if code is ResultCode.OK and order.command is PlcCommand.PICK_AND_PLACE:
-        code = _place(station, order, stop, times)
+        code = place(station, order, stop, times, _at_clear(station, order, times))
     if code is not ResultCode.OK:
+        station.prepared.drop()  # the part may lie anywhere now
         station.missed.remember(pick.grasp, _middle(station, pick.candidate))
         return report(order, look, pick, refused, code, Outcome.MISSED)
     return report(order, look, pick, refused, code, Outcome.PICKED)
-
-
-def _place(station: Station, order: PickOrder, stop: StopToken, times: Times) -> ResultCode:
-    """Over the drop place, and let go; PART_LOST when the hand is empty on arrival."""
-    with times.stage(station, Stage.PLACE):
-        _lift(station, order, stop)
-        drop = JointAngles(q_rad=station.workspace.drop_q_rad)
-        station.robot.move_joints(drop, station.joint_motion(order.speed_fraction), stop)
-        arrived_with = station.gripper.grip()
-        station.gripper.release(stop=stop)
-    return ResultCode.OK if arrived_with is Grip.HOLDING else ResultCode.PART_LOST
-
-
-def _home(station: Station, order: PickOrder, stop: StopToken, times: Times) -> None:
-    with times.stage(station, Stage.HOME):
-        _lift(station, order, stop)
-        watch = JointAngles(q_rad=station.workspace.watch_q_rad)
-        station.robot.move_joints(watch, station.joint_motion(order.speed_fraction), stop)
 
 
 def _timed(result: PickResult, took_s: float, times: Times) -> PickResult:

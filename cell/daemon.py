@@ -10,21 +10,24 @@ from pathlib import Path
 from typing import Final
 
 from cell import config as configuration
-from cell import handshake, wiring
+from cell import wiring
+from cell.alarm_table import AlarmCode
 from cell.ending import EndRequest
 from cell.faults import FaultCode
 from cell.journal import Journal
+from cell.last_good import usable
 from cell.logs import logger
 from cell.loop import SERVICE_ENDS, CellLoop, Channels
 from cell.notify import Notifier
 from cell.overlays import OverlayWriter
 from cell.plc_link import PlcLink
+from cell.recollection import recollect
+from cell.standing import Standing
 from cell.states import State
 from cell.station import Look, Stage
-from cell.types import CellReport, Outcome, PickResult
+from cell.types import CellReport
 from cell.workers import Beat, BeatingClock, Latest, Mailbox, Worker, WorkerGroup
 from drivers.timing import MonotonicClock, StopToken
-from drivers.types import ResultCode
 from vision.default import warm_up
 
 log = logger("daemon")
@@ -37,19 +40,19 @@ _END_CELL_S: Final = 3.0
 _END_OTHERS_S: Final = 0.8
 
 
-def run(config_path: Path) -> int:
-    """Run until SIGTERM or SIGINT; the exit code.
+def run(config_path: Path, last_good: Path | None = None) -> int:
+    """Run until SIGTERM or SIGINT; the exit code. ``last_good`` as in `cell.last_good`.
 
     Raises
     ------
     ConfigError, CalibrationError
         Before anything is opened.
     """
-    config = configuration.load(config_path)
+    config, refused = usable(config_path, last_good)
     journal = Journal(config.files.journal)
     journal.open()
     try:
-        daemon = _Daemon(config, config_path, journal)
+        daemon = _Daemon(config, config_path, journal, refused)
         log.info("detector_warming_up")
         warm_up()  # may take seconds; nothing is open yet, so a signal may simply end the process
         with EndRequest() as asked:
@@ -61,7 +64,9 @@ def run(config_path: Path) -> int:
 class _Daemon:
     """What lives as long as the process."""
 
-    def __init__(self, config: configuration.CellConfig, path: Path, journal: Journal) -> None:
+    def __init__(
+        self, config: configuration.CellConfig, path: Path, journal: Journal, refused: str | None
+    ) -> None:
         self._clock = MonotonicClock()
         self._notifier = Notifier()
         self._stalled: set[str] = set()
@@ -84,13 +89,21 @@ class _Daemon:
                 name="overlays", body=self._overlays.run, stop=overlay_stop, beat=beat
             )
         channels = Channels(inbox=Mailbox(64), results=Mailbox(8), report=self._report)
+        parts.station.places.keep_in(self._cell_journal)
+        standing = Standing(
+            config.files.state_folder,
+            self._clock,
+            self._cell_journal.counted_after,
+            config.operation.planned,
+        )
+        standing.condition(AlarmCode.CONFIG_LAST_GOOD, refused)
         self._cell = CellLoop(
-            parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat
+            parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat, standing
         )
         self._cell_worker = Worker(name="cell", body=self._cell.run, stop=cell_stop, beat=cell_beat)
         plc_beat = Beat("plc", _PLC_LIMIT_S, self._clock)
         boot = journal.boot()
-        link = PlcLink(parts.plc, self._recollect(boot), channels, journal, plc_stop, cell_stop, plc_beat)
+        link = PlcLink(parts.plc, recollect(journal, boot), channels, journal, plc_stop, cell_stop, plc_beat)
         self._plc_worker = Worker(name="plc", body=link.run, stop=plc_stop, beat=plc_beat)
         log.info(
             "daemon_started",
@@ -107,21 +120,6 @@ class _Daemon:
                 "plc": config.plc.driver,
             },
         )
-
-    def _recollect(self, boot: int) -> handshake.Memory:
-        """What the journal knows; orders cut short by the last end get their result now."""
-        for seq in self._journal.interrupted():
-            log.warning("order_interrupted_by_restart", request_id=seq)
-            self._journal.finish(
-                PickResult(
-                    request_id=seq,
-                    code=ResultCode.INTERRUPTED_BY_RESTART,
-                    outcome=Outcome.ABORTED,
-                    detail=int(Outcome.ABORTED),
-                )
-            )
-        accepted, finished, acknowledged = self._journal.last()
-        return handshake.begin(boot, accepted, None if acknowledged else finished)
 
     def _progress(self, stage: Stage) -> None:
         self._cell.progress(stage)

@@ -21,7 +21,7 @@ from typing import Final, Literal
 import yaml
 from rich.console import Console
 
-from cell.demo_children import END_S, Child, Children, Json, Line, free_loopback
+from cell.demo_children import END_S, Child, Children, Json, Line, free_loopback, free_port
 from cell.errors import ConfigError, UsageError
 from drivers.timing import MonotonicClock
 from vision.default import warm_up
@@ -98,11 +98,13 @@ def _s(seconds: Json) -> str:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
     """What is to be run. ``driver``: ur runs the production driver against a simulated controller on the
-    wire, sim the simulated cell's own arm. ``speed`` simulated seconds per second."""
+    wire, sim the simulated cell's own arm. ``plc``: the simulated PLC's role on Modbus TCP. ``speed``
+    simulated seconds per second."""
 
     config: Path
     out: Path
     driver: Literal["ur", "sim"]
+    plc: Literal["server", "client"]
     sticks: int
     seed: int
     speed: float
@@ -176,15 +178,18 @@ def _play(
         host, controller = _controller(wish, data, children, sim_port)
         watched.append(controller)
         said = f"simulated UR controller at {host} (RTDE, dashboard, pins), time x{wish.speed:g}"
+    polls = wish.plc == "client"
+    where = ["--connect", f"127.0.0.1:{free_port()}"] if polls else ["--port", "0"]
     plc = children.start(
-        "plc",
-        ["drivers.sim.plc", "--port", "0", "--orders", "until-empty", "--out", str(wish.out / "plc.json")],
+        "plc", ["drivers.sim.plc", *where, "--orders", "until-empty", "--out", str(wish.out / "plc.json")]
     )
     plc_port = children.port(plc)
+    if polls:
+        data["plc"] = {"driver": "modbus_server", "bind": "127.0.0.1", "peers": ["127.0.0.1"]}
     own = _own_config(wish, data, sim_port, plc_port)
     console.print(
         f"simulated cell on port {sim_port} ({wish.sticks} sticks, seed {wish.seed}), {said}, "
-        f"simulated PLC on port {plc_port} (Modbus TCP), daemon: mikado run {own}"
+        f"simulated PLC {'polls' if polls else 'on'} port {plc_port} (Modbus TCP), daemon: mikado run {own}"
     )
     began_at = clock.now()
     daemon = children.start("daemon", ["cell", "run", str(own), "--json"], merge=True)
@@ -344,6 +349,7 @@ def _verdict(
     summary: Line = {
         "good": good,
         "driver": wish.driver,
+        "plc": wish.plc,
         "sticks": story.sticks,
         "picked": story.picked,
         "in_box": in_box,

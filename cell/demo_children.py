@@ -135,3 +135,10 @@ def free_loopback(ports: tuple[int, ...] = UR_PORTS) -> str:
             continue
         return host
     raise UsageError("no loopback address 127.0.0.2 to 127.0.0.254 is free for a UR controller's ports")
+
+
+def free_port() -> int:
+    """A port of 127.0.0.1 nobody listens on now, for a process that cannot choose one itself."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -29,3 +29,12 @@ class UsageError(Exception):
     def __init__(self, detail: str) -> None:
         super().__init__(detail)
         self.detail = detail
+
+
+class JournalError(Exception):
+    """The journal cannot be written now, as on a full disk. Nothing may move without it."""
+
+    def __init__(self, path: Path, detail: str) -> None:
+        super().__init__(f"{path}: {detail}; make room on its disk, or make it writable again")
+        self.path = path
+        self.detail = detail

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from cell.errors import JournalError
 from drivers.errors import (
     CommandRejected,
     DeviceTimeout,
@@ -44,6 +45,7 @@ class FaultCode(IntEnum):
     PLC_LOST = 601
     PLC_SILENT = 602
     PLC_BAD_ORDER = 603
+    JOURNAL_UNWRITABLE = 701
     INTERNAL = 901
 
 
@@ -137,6 +139,10 @@ TABLE: Final[dict[FaultCode, Row]] = {
     FaultCode.PLC_BAD_ORDER: Row(
         result=ResultCode.BAD_PARAMETER, action="correct the order in the PLC program"
     ),
+    FaultCode.JOURNAL_UNWRITABLE: Row(
+        result=ResultCode.INTERNAL,
+        action=f"make room on the journal's disk (no order is taken without it); {_RESET}",
+    ),
     FaultCode.INTERNAL: Row(
         result=ResultCode.INTERNAL, action="reset; send the journal to the makers if it comes again"
     ),
@@ -207,6 +213,8 @@ def fault_of(error: Exception) -> Fault:
             return Fault(code=FaultCode.CALIBRATION_MISMATCH, detail=str(error))
         case PictureUnusable():
             return Fault(code=FaultCode.IMAGE_UNUSABLE, detail=str(error))
+        case JournalError():
+            return Fault(code=FaultCode.JOURNAL_UNWRITABLE, detail=str(error))
         case VisionFailed():
             return Fault(code=FaultCode.VISION_INTERNAL, detail=str(error))
         case _:

@@ -1,7 +1,7 @@
 """The detector on a thread of its own: its first certain answer while it explains the rest of the scene.
 
 The only thread that the cell thread starts. It lives as long as one look: whoever opens a `Finding` joins it,
-whatever happens, and a run that nobody waits for any more ends at its next stage.
+whatever happens, or abandons it, and a run that nobody waits for any more ends at its next stage.
 """
 
 from __future__ import annotations
@@ -52,8 +52,18 @@ class Finding:
         self._first: Scene | None = None
         self._last: Scene | Exception | None = None
 
+    def start(self) -> None:
+        """Search from now on; whoever starts it uses it as a context later, or abandons it."""
+        if self._thread.ident is None:
+            self._thread.start()
+
+    def abandon(self) -> None:
+        """Nobody waits for the answer: end at the next stage, and be joined."""
+        self._abandoned.set()
+        self._thread.join(_MOST_S)
+
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.start()
         return self
 
     def __exit__(

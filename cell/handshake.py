@@ -15,11 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
+from cell.choices import Choice
 from cell.handshake_memory import MAP_VERSION, Memory, PlcEvent, Publication, outputs_of
+from cell.modes import REFUSED, Mode
 from cell.types import CellReport, PickOrder, PickResult
 from drivers.types import PlcCommand, PlcInputs, PlcOutputs, ResultCode
 
-__all__ = ["Memory", "PlcEvent", "Publication", "Step", "begin", "step"]
+__all__ = ["Memory", "PlcEvent", "Publication", "Step", "begin", "step", "withdraw"]
 
 BEAT_S: Final = 0.25
 """Our heartbeat counts this often, and only by `step` being called."""
@@ -38,10 +40,16 @@ SUPPORTED: Final = frozenset(
         PlcCommand.VISION_ONLY,
         PlcCommand.GRIPPER_OPEN,
         PlcCommand.GRIPPER_CLOSE,
+        PlcCommand.RECOVER,
+        PlcCommand.SET_MODE,
         PlcCommand.PING,
     }
 )
-
+_PARAMETERS: Final[dict[int, tuple[int, ...]]] = {
+    int(PlcCommand.RECOVER): tuple(Choice),
+    int(PlcCommand.SET_MODE): tuple(Mode),
+}
+"""Commands whose word 8 is a number of a list."""
 _SEQUENCES: Final = 65535
 _AHEAD: Final = 32767
 
@@ -134,6 +142,25 @@ def step(
         memory, order, refused = _read_order(memory, inputs, report)
         events += (PlcEvent.BAD_ORDER,) if refused else ()
     return Step(memory=memory, outputs=outputs_of(memory, report, now), order=order, events=events)
+
+
+def withdraw(before: Memory, taken: Step, report: CellReport, code: ResultCode, now: float) -> Step:
+    """The step with its order refused instead: it could not be journaled, so nobody may carry it out.
+
+    Parameters
+    ----------
+    before : Memory
+        What went into the step.
+    taken : Step
+        With the order; its outputs have not been sent.
+    report, code, now
+        As in `step`; what the PLC is told.
+    """
+    if taken.order is None:
+        raise ValueError("there is no order to withdraw")
+    back = replace(taken.memory, accepted=before.accepted, in_flight=before.in_flight)
+    memory = _refuse(back, taken.order.request_id, code)
+    return Step(memory=memory, outputs=outputs_of(memory, report, now), order=None, events=taken.events)
 
 
 def _beat(memory: Memory, now: float) -> Memory:
@@ -298,13 +325,18 @@ def _verdict(memory: Memory, inputs: PlcInputs, report: CellReport) -> ResultCod
         return ResultCode.UNKNOWN_COMMAND
     if inputs.speed_percent > MAX_SPEED_PERCENT or inputs.max_attempts > MAX_ATTEMPTS:
         return ResultCode.BAD_PARAMETER
+    if inputs.max_attempts not in _PARAMETERS.get(inputs.cmd_code, (inputs.max_attempts,)):
+        return ResultCode.BAD_PARAMETER
     if memory.in_flight or memory.outstanding or report.busy:
         return ResultCode.BUSY
     if memory.abort:
         return ResultCode.ABORTED
     if not memory.enabled or memory.hold:
         return ResultCode.NOT_ENABLED
-    if report.fault_code or not report.accepting:
+    if inputs.cmd_code in REFUSED[Mode(report.unit_mode)]:
+        return ResultCode.NOT_ENABLED
+    answers = report.choice_awaited and inputs.cmd_code == PlcCommand.RECOVER
+    if report.fault_code or not (report.accepting or answers):
         return ResultCode.ROBOT_NOT_READY
     return ResultCode.NONE
 

@@ -134,6 +134,9 @@ def outputs_of(memory: Memory, report: CellReport, now: float) -> PlcOutputs:
         active_recipe=report.recipe,
         actual_speed_percent=report.speed_percent,
         boot_id=memory.boot_id,
+        first_alarm=report.first_alarm,
+        alarm_count=report.alarm_count,
+        unit_mode=report.unit_mode,
     )
     result = memory.result
     if result is None:

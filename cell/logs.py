@@ -2,11 +2,39 @@
 
 from __future__ import annotations
 
+import io
+import json
 import sys
-from typing import TextIO
+from typing import TextIO, cast
 
 import structlog
 from structlog.typing import FilteringBoundLogger, Processor
+
+
+class _Lossy(io.TextIOBase):
+    """A stream that loses lines rather than end the daemon when they cannot be written, and says so later."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._lost = 0
+
+    def write(self, text: str) -> int:
+        """Write, or count what is lost."""
+        try:
+            if self._lost:
+                self._stream.write(json.dumps({"event": "log_writes_lost", "count": self._lost}) + "\n")
+                self._lost = 0
+            return self._stream.write(text)
+        except OSError:
+            self._lost += 1
+            return len(text)
+
+    def flush(self) -> None:
+        """Pass on what is buffered; what cannot be passed on is lost."""
+        try:
+            self._stream.flush()
+        except OSError:
+            self._lost += 1
 
 
 def setup(stream: TextIO | None = None, *, as_json: bool | None = None) -> None:
@@ -24,7 +52,7 @@ def setup(stream: TextIO | None = None, *, as_json: bool | None = None) -> None:
             structlog.processors.format_exc_info if plain else structlog.processors.StackInfoRenderer(),
             renderer,
         ],
-        logger_factory=structlog.PrintLoggerFactory(out),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, _Lossy(out))),
         cache_logger_on_first_use=False,
     )
 

@@ -2,58 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
-from cell.cycle import run_order
+from cell.alarm_table import AlarmCode
+from cell.arm_report import at, robot_fields
+from cell.channels import ABORTED_BY_PLC, LINK_LOST, SERVICE_ENDS, Channels, Ticket
+from cell.choices import Choice
+from cell.conduct import Conduct
+from cell.errors import JournalError
 from cell.faults import TABLE, Fault, FaultCode, fault_of, safety_fault
 from cell.journal import Journal
 from cell.logs import logger
+from cell.reconnect import Reconnect
+from cell.standing import Standing
 from cell.states import Event, EventRefused, State, next_state
 from cell.station import Stage, Station
 from cell.types import CellReport, Outcome, PickOrder, PickResult
-from cell.workers import Beat, Latest, Mailbox
+from cell.workers import Beat
 from drivers.errors import DriverError
 from drivers.interfaces import Device
 from drivers.timing import StopRequested, StopToken
-from drivers.types import Grip, ResultCode, RobotState, SafetyMode, Six
+from drivers.types import Grip, PlcCommand, ResultCode
 
 log = logger("cell")
 
-ABORTED_BY_PLC: Final = "abort by the PLC"
-LINK_LOST: Final = "PLC link lost"
-SERVICE_ENDS: Final = "service ends"
+__all__ = ["ABORTED_BY_PLC", "LINK_LOST", "SERVICE_ENDS", "CellLoop", "Channels", "Ticket", "TooManyFaults"]
 
 _IDLE_S: Final = 0.1
 _INTERNAL_LIMIT: Final = 3
 _INTERNAL_WINDOW_S: Final = 600.0
-_AT_HOME_RAD: Final = 0.01
 _AT_REST: Final = (State.ABORTED, State.STOPPED)
 _ARM_SILENT: Final = (FaultCode.ROBOT_LOST, FaultCode.ROBOT_SLOW, FaultCode.ROBOT_STALE)
 
 
 class TooManyFaults(Exception):
     """Internal faults came so often that the process had better start anew."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ticket:
-    """An accepted order with the token that stops it, which its sender keeps."""
-
-    order: PickOrder
-    stop: StopToken
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Channels:
-    """What the cell thread shares with the PLC thread.
-
-    ``inbox`` orders and events in; ``results`` results out; ``report`` what it says of itself.
-    """
-
-    inbox: Mailbox[Ticket | Event]
-    results: Mailbox[PickResult]
-    report: Latest[CellReport]
 
 
 class CellLoop:
@@ -67,6 +52,7 @@ class CellLoop:
         journal: Journal,
         stop: StopToken,
         beat: Beat,
+        standing: Standing | None = None,
     ) -> None:
         self._station = station
         self._devices = devices
@@ -78,6 +64,10 @@ class CellLoop:
         self._report = CellReport()
         self._internal_at: list[float] = []
         self._faults = 0
+        self._unwritten: PickResult | None = None
+        self._standing = standing
+        self._conduct = Conduct(station, standing, self._enter, self._publish)
+        self._reconnect = Reconnect(station.operation.recovery, station.clock)
         # levels, because an edge may come while the state cannot follow it
         self._link_up = True
         self._hold = False
@@ -88,6 +78,9 @@ class CellLoop:
         """Until the token fires; then the arm is halted and devices are closed."""
         self._faults = self._journal.fault_count()
         self._publish(total_picks=self._journal.total_picked(), fault_count=self._faults)
+        if self._standing is not None:
+            self._standing.recall()
+            self._conduct.set_mode(self._standing.figures.mode)
         try:
             self._start()
             while not self._stop.stopped:
@@ -100,6 +93,7 @@ class CellLoop:
                         self._happened(item)
                     case None:
                         self._watch()
+                self._conduct.tick(self._report)
         finally:
             self._end()
 
@@ -118,7 +112,9 @@ class CellLoop:
             return False
         log.info("state_changed", before=self._state.name, after=after.name, cell_event=event.name)
         self._state = after
-        self._journal.state(after, event.name)
+        if self._standing is not None:
+            self._standing.entered(after)
+        self._note(lambda: self._journal.state(after, event.name))
         self._publish()
         return True
 
@@ -164,12 +160,16 @@ class CellLoop:
 
     def _end(self) -> None:
         self._halt()
+        self._station.prepared.drop()
+        self._write_again()
         try:
             self._enter(Event.STOP)
         finally:
             self._close_devices()
         self._enter(Event.HALTED)
         self._publish(moving=False, robot_link=False, vision_ok=False)
+        if self._standing is not None:
+            self._standing.write()
 
     def _halt(self) -> None:
         try:
@@ -181,6 +181,9 @@ class CellLoop:
 
     def _watch(self) -> None:
         """Health check between orders. After a fault the PLC still sees what the arm says of itself."""
+        self._write_again()
+        if self._state is State.ABORTED and self._reconnect.attempt(self._devices, self._refresh):
+            self._publish(vision_ok=True)
         try:
             self._refresh()
         except DriverError as error:
@@ -191,7 +194,7 @@ class CellLoop:
 
     def _refresh(self) -> None:
         state = self._station.robot.state()
-        self._publish(**_robot_fields(state), at_home=_at(state, self._station.workspace.watch_q_rad))
+        self._publish(**robot_fields(state), at_home=at(state, self._station.workspace.watch_q_rad))
         if self._state in _AT_REST:
             return
         unsafe = safety_fault(state.safety, f"{self._station.robot.name}: {state.safety.value}")
@@ -210,23 +213,44 @@ class CellLoop:
             case Event.RESET:
                 self._reset()
                 return
+            case Event.JOURNAL_LOST:
+                if self._state not in _AT_REST:
+                    detail = "an order could not be journaled; it was refused and nothing moved"
+                    self._fault(Fault(code=FaultCode.JOURNAL_UNWRITABLE, detail=detail))
+                return
             case Event.LINK_LOST | Event.LINK_UP:
                 self._link_up = event is Event.LINK_UP
+                lost = None if self._link_up else "not heard"
+                self._conduct.alarm(AlarmCode.PLC_SILENT, lost)
             case Event.HOLD | Event.UNHOLD:
                 self._hold = event is Event.HOLD
             case _:
                 pass
+        if self._conduct.asks and event is Event.UNHOLD:
+            return  # held for another reason
         if not self._enter(event):
             return
         if event is Event.STOP:
             self._enter(Event.HALTED)
+            self._conduct.answered()
         elif event is Event.UNHOLD:
             self._follow_levels()
 
     def _reset(self) -> None:
         """A person says the cause is gone: recover, reopen, and be idle. Nothing moves."""
+        self._write_again()
+        if self._unwritten is not None:
+            log.warning("reset_refused", reason="the last result is not on disk yet")
+            return
+        if self._standing is not None:
+            self._standing.acknowledge()
         match self._state:
+            case State.HELD if self._conduct.asks:
+                self._conduct.answered()
+                self._follow_levels()
             case State.ABORTED:
+                self._reconnect.over()
+                self._conduct.answered()
                 self._enter(Event.RESET)
                 try:
                     self._station.robot.recover()
@@ -234,6 +258,7 @@ class CellLoop:
                     log.warning("recover_failed", detail=str(error))
                 self._close_devices()
                 self._enter(Event.CLEARED)
+                self._conduct.alarm(AlarmCode(self._report.fault_code), None)
                 self._publish(fault_code=0, operator_needed=False)
                 self._start()
             case State.STOPPED:
@@ -245,9 +270,12 @@ class CellLoop:
     # ------------------------------------------------------------------ orders
 
     def _run(self, order: PickOrder, stop: StopToken) -> None:
+        asked = self._conduct.answered() if order.command is PlcCommand.RECOVER else None
         if not self._enter(Event.ORDER):
             # accepted in the instant in which the cell stopped being ready
-            self._finish(_ended(order, ResultCode.ROBOT_NOT_READY))
+            unwritten = self._finish(_ended(order, ResultCode.ROBOT_NOT_READY))
+            if unwritten is not None and self._state not in _AT_REST:
+                self._fault(unwritten)
             return
         log.info(
             "order_started", request_id=order.request_id, command=order.command.name, part=order.part_code
@@ -256,7 +284,7 @@ class CellLoop:
         self._publish(recipe=order.part_code, speed_percent=round(order.speed_fraction * 100), at_home=False)
         try:
             stop.check()  # stopped while it waited
-            result, fault = run_order(self._station, order, stop), None
+            result, fault = self._conduct.carry_out(order, asked, stop), None
         except StopRequested as request:
             result, fault = _ended(order, _code_of(request.reason)), None
         except Exception as error:
@@ -265,17 +293,50 @@ class CellLoop:
             if fault.code in (FaultCode.INTERNAL, FaultCode.VISION_INTERNAL):
                 log.error("order_failed", request_id=order.request_id, exc_info=error)
         self._publish(moving=False)
-        self._finish(result)
+        unwritten = self._finish(result)
+        fault = fault or unwritten
         if fault is not None:
             self._fault(fault)
             return
         self._enter(Event.DONE)
         self._enter(Event.REPORTED)
+        if order.command is PlcCommand.RECOVER and order.max_attempts == Choice.STOP:
+            self._happened(Event.STOP)
+        else:
+            self._conduct.ended(asked or order, result)
+            self._follow_levels()
         self._watch()
 
-    def _finish(self, result: PickResult) -> None:
-        """Durable first, then out."""
-        self._journal.finish(result)
+    def _finish(self, result: PickResult) -> Fault | None:
+        """Durable first, then out. A result that cannot be written is kept, and out as soon as it can be."""
+        try:
+            self._journal.finish(result)
+        except JournalError as error:
+            self._unwritten = result
+            return fault_of(error)
+        self._out(result)
+        return None
+
+    def _write_again(self) -> None:
+        """A result that could not be written: until it is, the PLC's order stays open."""
+        if self._unwritten is None:
+            return
+        try:
+            self._journal.finish(self._unwritten)
+        except JournalError:
+            return
+        result, self._unwritten = self._unwritten, None
+        self._out(result)
+
+    def _note(self, write: Callable[[], None]) -> None:
+        """A row that is kept for people: losing it stops nothing."""
+        try:
+            write()
+        except JournalError as error:
+            log.warning("row_not_journaled", detail=str(error))
+
+    def _out(self, result: PickResult) -> None:
+        """Publish a durable result."""
         self._channels.results.put(result)
         log.info(
             "pick_finished",
@@ -300,8 +361,13 @@ class CellLoop:
             "fault_raised", code=int(fault.code), name=fault.code.name, detail=fault.detail, action=row.action
         )
         self._enter(Event.FAULT)
+        self._station.prepared.drop()
+        self._reconnect.began(fault.code)
+        self._conduct.alarm(AlarmCode(int(fault.code)), fault.detail)
+        if self._standing is not None:
+            self._standing.stopped(fault)
         self._faults += 1
-        self._journal.fault(fault)
+        self._note(lambda: self._journal.fault(fault))
         self._publish(
             moving=False,
             fault_code=int(fault.code),
@@ -319,36 +385,6 @@ class CellLoop:
         self._internal_at = [at for at in self._internal_at if now - at < _INTERNAL_WINDOW_S] + [now]
         if len(self._internal_at) >= _INTERNAL_LIMIT:
             raise TooManyFaults(f"{_INTERNAL_LIMIT} internal faults in ten minutes; starting anew")
-
-
-_UR_SAFETY: Final[dict[SafetyMode, int]] = {
-    SafetyMode.UNKNOWN: 0,
-    SafetyMode.NORMAL: 1,
-    SafetyMode.REDUCED: 2,
-    SafetyMode.PROTECTIVE_STOP: 3,
-    SafetyMode.SAFEGUARD_STOP: 5,
-    SafetyMode.EMERGENCY_STOP: 7,
-}
-"""The arm maker's numbers, which PLC programs for this arm already know."""
-
-
-def _robot_fields(state: RobotState) -> dict[str, object]:
-    """What the report takes from the arm's state."""
-    return {
-        "robot_link": True,
-        "program_running": state.program_running,
-        "remote_control": state.powered,  # the arm takes our commands
-        "emergency_stop": state.safety is SafetyMode.EMERGENCY_STOP,
-        "protective_stop": state.safety is SafetyMode.PROTECTIVE_STOP,
-        "safeguard_stop": state.safety is SafetyMode.SAFEGUARD_STOP,
-        "safety_mode": _UR_SAFETY[state.safety],
-    }
-
-
-def _at(state: RobotState, q_rad: Six) -> bool:
-    """True when the arm stands still at these joint angles."""
-    near = all(abs(q - wanted) < _AT_HOME_RAD for q, wanted in zip(state.joints.q_rad, q_rad, strict=True))
-    return near and not state.moving
 
 
 def _code_of(reason: str) -> ResultCode:

@@ -11,14 +11,16 @@ from typing import Final
 from drivers.types import ToolPose
 from vision.types import Floats
 
-_NEAR_M: Final = 0.010
-_LOOKS: Final = 5
+NEAR_M: Final = 0.010
+LOOKS: Final = 5
 
 
 class MissedParts:
     """Remembers failed grasps for a few looks. Used by the cell thread only."""
 
-    def __init__(self) -> None:
+    def __init__(self, looks: int = LOOKS, near_m: float = NEAR_M) -> None:
+        self._looks = looks
+        self._near_m = near_m
         self._missed: list[tuple[ToolPose, Floats, int]] = []
 
     def new_look(self) -> None:
@@ -27,12 +29,13 @@ class MissedParts:
 
     def remember(self, grasp: ToolPose, middle_m: Floats) -> None:
         """A grip at this pose, on a part with its middle at (3,) m in the base frame, held nothing."""
-        self._missed.append((grasp, middle_m, _LOOKS))
+        if self._looks:
+            self._missed.append((grasp, middle_m, self._looks))
 
     def grip(self, grasp: ToolPose) -> bool:
-        """True when a grip within a centimetre of this one failed lately."""
-        return any(math.dist(grasp.six()[:3], pose.six()[:3]) < _NEAR_M for pose, _, _ in self._missed)
+        """True when a grip near this one failed lately."""
+        return any(math.dist(grasp.six()[:3], pose.six()[:3]) < self._near_m for pose, _, _ in self._missed)
 
     def part(self, middle_m: Floats) -> bool:
-        """True when a grip on a part with its middle within a centimetre of this one failed lately."""
-        return any(math.dist(middle_m, middle) < _NEAR_M for _, middle, _ in self._missed)
+        """True when a grip on a part with its middle near this one failed lately."""
+        return any(math.dist(middle_m, middle) < self._near_m for _, middle, _ in self._missed)

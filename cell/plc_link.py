@@ -11,16 +11,18 @@ from dataclasses import replace
 from typing import Final
 
 from cell import handshake
+from cell.channels import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
+from cell.errors import JournalError
 from cell.handshake import Memory, PlcEvent, Publication
 from cell.journal import Journal
 from cell.logs import logger
-from cell.loop import ABORTED_BY_PLC, LINK_LOST, Channels, Ticket
 from cell.states import Event
+from cell.types import PickOrder
 from cell.workers import Beat, MailboxFull
 from drivers.errors import DriverError
 from drivers.interfaces import Plc
 from drivers.timing import StopRequested, StopToken
-from drivers.types import PlcInputs, PlcOutputs
+from drivers.types import PlcInputs, PlcOutputs, ResultCode
 
 log = logger("plc")
 
@@ -63,9 +65,7 @@ class PlcLink:
         """Until the token fires; then a last exchange with ready and busy off."""
         clock = self._stop.clock
         self._channels.inbox.put(Event.LINK_LOST)  # nobody has been heard yet
-        # the very first exchange already carries boot number and last accepted order, not zeros
-        first = handshake.step(self._memory, None, self._channels.report.get(), None, clock.now())
-        self._memory, self._outputs = first.memory, first.outputs
+        self.greet()
         try:
             while True:
                 began_at = clock.now()
@@ -77,6 +77,12 @@ class PlcLink:
             self._farewell()
         finally:
             self._plc.close()
+
+    def greet(self) -> None:
+        """The very first exchange already carries boot number and last accepted order, not zeros."""
+        now = self._stop.clock.now()
+        first = handshake.step(self._memory, None, self._channels.report.get(), None, now)
+        self._memory, self._outputs = first.memory, first.outputs
 
     def _pause_s(self) -> float:
         """The period; longer and longer while nobody answers, so that a missing PLC costs nothing.
@@ -93,16 +99,28 @@ class PlcLink:
         # after the exchange: a failed one takes its whole time limit, which counts as silence
         now = self._stop.clock.now()
         finished = self._channels.results.take(0.0)
-        step = handshake.step(self._memory, inputs, self._channels.report.get(), finished, now)
+        report = self._channels.report.get()
+        step = handshake.step(self._memory, inputs, report, finished, now)
         for event in step.events:
             self._pass_on(event)
+        if step.order is not None and not self._journaled(step.order):
+            step = handshake.withdraw(self._memory, step, report, ResultCode.INTERNAL, now)
+            self._tell(Event.JOURNAL_LOST)
         if step.order is not None:
-            self._journal.accept(step.order)
             self._running = self._cell_stop.child()
             self._channels.inbox.put(Ticket(order=step.order, stop=self._running))
             log.info("order_accepted", request_id=step.order.request_id, command=step.order.command.name)
         self._memory, self._outputs = step.memory, step.outputs
         self._note_acknowledge()
+
+    def _journaled(self, order: PickOrder) -> bool:
+        """Durable now. An order that is not must neither be accepted nor carried out."""
+        try:
+            self._journal.accept(order)
+        except JournalError as error:
+            log.error("order_not_journaled", request_id=order.request_id, detail=str(error))
+            return False
+        return True
 
     def _exchange(self) -> PlcInputs | None:
         try:
@@ -134,7 +152,11 @@ class PlcLink:
         taken = self._memory.published_seq
         if self._memory.publication is Publication.ACKNOWLEDGED and taken != self._acknowledged:
             self._acknowledged = taken
-            self._journal.acknowledge(taken)
+            try:
+                self._journal.acknowledge(taken)
+            except JournalError as error:
+                # after a restart the PLC's own acknowledgement says the same
+                log.warning("acknowledge_not_journaled", request_id=taken, detail=str(error))
             log.info("result_acknowledged", request_id=taken)
 
     def _pass_on(self, event: PlcEvent) -> None:

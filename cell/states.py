@@ -48,6 +48,8 @@ class Event(Enum):
     HOLD = "hold"
     UNHOLD = "unhold"
     STOP = "stop"
+    JOURNAL_LOST = "journal_lost"
+    ASK = "ask"
 
 
 class EventRefused(Exception):
@@ -66,6 +68,7 @@ TABLE: Final[dict[tuple[State, Event], State]] = {
     (State.IDLE, Event.LINK_LOST): State.SUSPENDED,
     (State.SUSPENDED, Event.LINK_UP): State.IDLE,
     (State.IDLE, Event.HOLD): State.HELD,
+    (State.IDLE, Event.ASK): State.HELD,
     (State.SUSPENDED, Event.HOLD): State.HELD,
     (State.HELD, Event.UNHOLD): State.IDLE,
     (State.ABORTING, Event.HALTED): State.ABORTED,

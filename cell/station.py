@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from cell.config import (
@@ -16,8 +16,11 @@ from cell.config import (
     heap_of,
 )
 from cell.missed import MissedParts
+from cell.operation import OperationConfig
+from cell.pattern import Places
 from cell.pictures import PictureCheck
 from cell.planning import Plan
+from cell.prepared import Prepared
 from cell.types import PickOrder
 from drivers.interfaces import Gripper, Kinematics, Robot, StereoRig
 from drivers.timing import Clock
@@ -90,6 +93,9 @@ class Station:
     progress: Callable[[Stage], None]
     looked: Callable[[Look], None]
     heaps: tuple[tuple[int, ...], ...] = ()
+    operation: OperationConfig = field(default_factory=OperationConfig)
+    places: Places = field(default_factory=Places)
+    prepared: Prepared = field(default_factory=Prepared)
 
     def among(self, part: PartConfig) -> tuple[PartConfig, ...]:
         """What else lies in the heap of a product."""

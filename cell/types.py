@@ -101,3 +101,7 @@ class CellReport:
     speed_percent: int = 0
     recipe: int = 0
     total_picks: int = 0
+    unit_mode: int = 1
+    choice_awaited: bool = False
+    first_alarm: int = 0
+    alarm_count: int = 0

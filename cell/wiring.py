@@ -16,6 +16,7 @@ from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
+from cell.pattern import Places
 from cell.pictures import PictureCheck, Standing
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
@@ -136,9 +137,11 @@ def build(
         motion=config.motion,
         clock=cell_clock,
         pictures=PictureCheck(standing),
-        missed=MissedParts(),
+        missed=MissedParts(config.operation.strategy.avoid_looks, config.operation.strategy.avoid_radius_m),
         progress=progress,
         looked=looked,
+        operation=config.operation,
+        places=Places(config.operation.grid),
     )
     return Parts(
         station=station,

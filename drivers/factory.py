@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from drivers.interfaces import Camera, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
+from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
     GigeCameraSettings,
     GripperSettings,
     ModbusPlcSettings,
+    ModbusServerPlcSettings,
     PlcSettings,
     ReplayCameraSettings,
     RobotIoGripperSettings,
@@ -202,5 +203,16 @@ class Factory:
                 from drivers.plc.modbus import ModbusPlc
 
                 return ModbusPlc(name, settings, self.clock)
+            case ModbusServerPlcSettings():
+                from drivers.plc.server import ModbusServerPlc
+
+                return ModbusServerPlc(name, settings, self.clock)
             case _:
                 assert_never(settings)
+
+    def cell_server(self, settings: ModbusServerPlcSettings) -> CellServer:
+        """The registers of a daemon with these settings, from the PLC's side."""
+        from drivers.sim.plc_client import CellRegisters
+
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(settings.bind, settings.bind)
+        return CellRegisters(host, settings.port, settings.word_order)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from drivers.plc_map import Area
 from drivers.timing import StopToken
 from drivers.types import (
     Frame,
@@ -110,3 +111,20 @@ class Plc(Device, Protocol):
     """One exchange per call: outputs go out, inputs come in."""
 
     def exchange(self, outputs: PlcOutputs) -> PlcInputs: ...
+
+
+class CellServer(Protocol):
+    """The registers of a cell that is the Modbus server, as its PLC sees them; for a test of the connection.
+
+    Calls connect by themselves and raise `DeviceUnavailable` or, when the cell refuses, `CommandRejected`.
+    """
+
+    def swap(self, command: PlcInputs) -> PlcOutputs:
+        """Write the command block, then read the status block."""
+        ...
+
+    def read(self, area: Area, address: int, count: int) -> list[int]: ...
+
+    def write(self, address: int, words: Sequence[int]) -> None: ...
+
+    def close(self) -> None: ...

@@ -17,6 +17,7 @@ from drivers.plc_map import (
     CRC_WORDS,
     STATUS,
     STATUS_WORDS,
+    TEST,
     Kind,
     Register,
 )
@@ -154,7 +155,36 @@ def decode_status(words: Sequence[int], word_order: WordOrder = "big") -> PlcOut
         active_recipe=int(v["active_recipe"]),
         actual_speed_percent=int(v["actual_speed_percent"]),
         boot_id=int(v["boot_id"]),
+        first_alarm=int(v["first_alarm"]),
+        alarm_count=int(v["alarm_count"]),
+        unit_mode=int(v["unit_mode"]),
     )
+
+
+def encode_example(register: Register, word_order: WordOrder = "big") -> list[int]:
+    """The one or two words of a register's example; of a BITS register with its lowest named bit on."""
+    values = {register.name: register.example, **{bit.name: 0 for bit in register.bits}}
+    if register.bits:
+        values[register.bits[0].name] = 1
+    words = _encode("example", (register,), register.offset + register.kind.words, values, word_order)
+    return words[register.offset :]
+
+
+def encode_test(word_order: WordOrder = "big") -> list[int]:
+    """The fixed words of the test registers."""
+    words = [word for register in TEST for word in encode_example(register, word_order)]
+    words[-1] = 1 if word_order == "big" else 2
+    return words
+
+
+def read_test(words: Sequence[int]) -> WordOrder | None:
+    """The word order in which these are the test registers; None when in neither.
+
+    >>> read_test(encode_test("little"))
+    'little'
+    """
+    orders: tuple[WordOrder, ...] = ("big", "little")
+    return next((order for order in orders if list(words) == encode_test(order)), None)
 
 
 def _pose_of(values: Mapping[str, float]) -> ToolPose:
@@ -231,9 +261,9 @@ def _status_values(s: PlcOutputs) -> Mapping[str, float]:
         "active_recipe": s.active_recipe,
         "actual_speed_percent": s.actual_speed_percent,
         "boot_id": s.boot_id,
-        "reserved_37": 0,
-        "reserved_38": 0,
-        "reserved_39": 0,
+        "first_alarm": s.first_alarm,
+        "alarm_count": s.alarm_count,
+        "unit_mode": s.unit_mode,
     }
 
 

@@ -16,6 +16,7 @@ from typing import Final
 MAP_VERSION: Final = 1
 COMMAND_WORDS: Final = 24
 STATUS_WORDS: Final = 40
+TEST_WORDS: Final = 8
 SEQUENCE_COUNT: Final = 65535
 """Sequence numbers run 1..65535; 0 means none."""
 
@@ -55,7 +56,8 @@ class Bit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Register:
-    """One row of the map. ``per_unit`` counts are one ``unit``."""
+    """One row of the map. ``per_unit`` counts are one ``unit``; ``example`` is a value in that unit, which
+    the documentation shows in hex and which a test register always has."""
 
     offset: int
     name: str
@@ -64,6 +66,7 @@ class Register:
     per_unit: int = 1
     unit: str = ""
     bits: tuple[Bit, ...] = ()
+    example: float = 1
 
 
 def _bits(*rows: tuple[int, str, str]) -> tuple[Bit, ...]:
@@ -84,6 +87,7 @@ def _pose(first: int, whose: str) -> tuple[Register, ...]:
             meaning=f"{whose}, {'position' if i < 3 else 'rotation vector'}, robot base frame",
             per_unit=1_000_000,
             unit="m" if i < 3 else "rad",
+            example=-0.1 if i < 3 else 3.141593,
         )
         for i, name in enumerate(("x", "y", "z", "rx", "ry", "rz"))
     )
@@ -115,7 +119,7 @@ COMMAND: Final[tuple[Register, ...]] = (
     _u16(5, "recipe", "part code"),
     _u16(6, "source_id", "where to take from"),
     _u16(7, "destination_id", "where to put"),
-    _u16(8, "max_attempts", "attempts before giving up, 0 = one"),
+    _u16(8, "max_attempts", "attempts before giving up, 0 = one; command 10: the choice, 11: the mode"),
     _u16(9, "speed_percent", "percent of the configured speeds, 0 = default"),
     *_pose(10, "target of the order"),
     _u16(22, "crc", "CRC-16 (Modbus polynomial) of words 3-21, high byte first; 0 = not used"),
@@ -166,9 +170,22 @@ STATUS: Final[tuple[Register, ...]] = (
         meaning="duration of the order",
         per_unit=1000,
         unit="s",
+        example=65.538,
     ),
-    Register(offset=26, name="total_picks", kind=Kind.UINT32, meaning="picks since the counter was reset"),
-    Register(offset=28, name="robot_mode", kind=Kind.INT16, meaning="the arm's robot mode; -1: not used yet"),
+    Register(
+        offset=26,
+        name="total_picks",
+        kind=Kind.UINT32,
+        meaning="picks since the counter was reset",
+        example=131073,
+    ),
+    Register(
+        offset=28,
+        name="robot_mode",
+        kind=Kind.INT16,
+        meaning="the arm's robot mode; -1: not used yet",
+        example=-1,
+    ),
     _u16(
         29,
         "safety_mode",
@@ -181,10 +198,108 @@ STATUS: Final[tuple[Register, ...]] = (
     _u16(34, "active_recipe", "part code in use"),
     _u16(35, "actual_speed_percent", "speed in use"),
     _u16(36, "boot_id", "changes at each start of the cell"),
-    _u16(37, "reserved_37", "0"),
-    _u16(38, "reserved_38", "0"),
-    _u16(39, "reserved_39", "0"),
+    _u16(37, "first_alarm", "code of the alarm that came first of those that are active, 0 = none"),
+    _u16(38, "alarm_count", "alarms nobody has acknowledged yet"),
+    _u16(39, "unit_mode", "1 production, 2 maintenance, 3 manual, 4 dry run"),
 )
+
+TEST: Final[tuple[Register, ...]] = (
+    Register(
+        offset=0,
+        name="test_uint16",
+        kind=Kind.UINT16,
+        meaning="4660; 13330 means that your bytes are swapped",
+        example=0x1234,
+    ),
+    Register(
+        offset=1,
+        name="test_int16",
+        kind=Kind.INT16,
+        meaning="-12345; 53191 means that you read it unsigned",
+        example=-12345,
+    ),
+    Register(
+        offset=2,
+        name="test_uint32",
+        kind=Kind.UINT32,
+        meaning="305419896; 1450709556 means that your words are swapped: use the other word_order",
+        example=0x12345678,
+    ),
+    Register(
+        offset=4,
+        name="test_int32",
+        kind=Kind.INT32,
+        meaning="-123456, which is -0.123456 m as all positions are given",
+        per_unit=1_000_000,
+        unit="m",
+        example=-0.123456,
+    ),
+    Register(
+        offset=6,
+        name="test_bits",
+        kind=Kind.BITS,
+        meaning="bit 0 is on and nothing else; bit 8 on means that your bytes are swapped",
+        bits=_bits((0, "test_bit_0", "always on")),
+    ),
+    _u16(7, "test_word_order", "1: the high word is sent first (big), 2: the low word first (little)"),
+)
+"""Fixed values, always shown: with them a PLC programmer finds out how his controller reads ours."""
+
+
+class Area(Enum):
+    """The four tables of Modbus; the value is the leading digit of an address in PLC notation."""
+
+    COIL = 0
+    DISCRETE_INPUT = 1
+    INPUT_REGISTER = 3
+    HOLDING_REGISTER = 4
+
+
+class Block(Enum):
+    """What is shown in an area."""
+
+    COMMAND = "command block"
+    STATUS = "status block"
+    TEST = "test registers"
+    CONTROL_BITS = "bits of the control word"
+    STATUS_BITS = "bits of the status word"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """Where the cell shows a block when it is the Modbus server; addresses are 0-based."""
+
+    block: Block
+    area: Area
+    first: int
+    count: int
+    writable: bool = False
+
+
+SERVER_WINDOWS: Final[tuple[Window, ...]] = (
+    Window(block=Block.COMMAND, area=Area.HOLDING_REGISTER, first=0, count=COMMAND_WORDS, writable=True),
+    Window(block=Block.CONTROL_BITS, area=Area.COIL, first=0, count=16, writable=True),
+    Window(block=Block.STATUS, area=Area.INPUT_REGISTER, first=0, count=STATUS_WORDS),
+    # once more, because some PLCs cannot read input registers
+    Window(block=Block.STATUS, area=Area.HOLDING_REGISTER, first=100, count=STATUS_WORDS),
+    Window(block=Block.STATUS_BITS, area=Area.DISCRETE_INPUT, first=0, count=16),
+    Window(block=Block.TEST, area=Area.INPUT_REGISTER, first=200, count=TEST_WORDS),
+    Window(block=Block.TEST, area=Area.HOLDING_REGISTER, first=200, count=TEST_WORDS),
+)
+
+
+def notation(area: Area, address: int) -> str:
+    """A 0-based address as PLC manuals write it, counted from 1.
+
+    >>> notation(Area.HOLDING_REGISTER, 0), notation(Area.COIL, 3), notation(Area.INPUT_REGISTER, 10000)
+    ('40001', '00004', '310001')
+    """
+    return f"{area.value}{address + 1:04d}"
+
+
+def offset_of(table: tuple[Register, ...], name: str) -> int:
+    """Where a register lies in its block."""
+    return next(register.offset for register in table if register.name == name)
 
 
 def next_sequence(sequence: int) -> int:

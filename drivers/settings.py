@@ -3,6 +3,7 @@ configuration can be checked on any computer."""
 
 from __future__ import annotations
 
+import ipaddress
 import math
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self, assert_never
@@ -15,6 +16,7 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    field_validator,
     model_validator,
 )
 
@@ -407,6 +409,12 @@ class ModbusPlcSettings(Settings):
     word_order: Literal["big", "little"] = Field(
         default="big", description="big: high word first (ABCD); little: low word first (CDAB)"
     )
+    test_base: NonNegativeInt | None = Field(
+        default=None,
+        le=65536 - 8,
+        description="holding register where the cell writes the test registers (8 words) each time it "
+        "connects; left out: it does not",
+    )
     timeout_s: PositiveFloat = 0.3
 
     @model_validator(mode="after")
@@ -416,16 +424,70 @@ class ModbusPlcSettings(Settings):
             raise ValueError(
                 f"write_base {self.write_base} (40 words) overlaps read_base {self.read_base} (24 words)"
             )
+        if self.test_base is not None:
+            for name, base, words in (("read", self.read_base, 24), ("write", self.write_base, 40)):
+                if base - 8 < self.test_base < base + words:
+                    raise ValueError(
+                        f"test_base {self.test_base} (8 words) overlaps {name}_base {base} ({words} words)"
+                    )
         return self
 
 
-PlcSettings = ModbusPlcSettings
+class ModbusServerPlcSettings(Settings):
+    """The cell is the Modbus TCP server; a PLC polls it (map v1, role A)."""
+
+    driver: Literal["modbus_server"]
+    bind: str = Field(
+        description="address of this computer on which to listen, as numbers; 0.0.0.0 is every one of them"
+    )
+    port: Port = Field(
+        default=502, description="below 1024 only with a capability, which the service unit has"
+    )
+    peers: tuple[str, ...] = Field(
+        min_length=1,
+        description="who may connect: addresses or networks as numbers, e.g. [192.0.2.20, 192.0.2.64/28]",
+    )
+    max_connections: Annotated[int, Field(ge=1, le=64)] = Field(
+        default=4, description="at a time; when all are taken, one that has been silent for 2 s gives way"
+    )
+    word_order: Literal["big", "little"] = Field(
+        default="big", description="big: high word first (ABCD); little: low word first (CDAB)"
+    )
+    timeout_s: PositiveFloat = Field(
+        default=0.3, description="the PLC reads the status word at least this often while all is well"
+    )
+
+    @field_validator("bind")
+    @classmethod
+    def _address(cls, bind: str) -> str:
+        try:
+            ipaddress.ip_address(bind)
+        except ValueError as error:
+            raise ValueError(f"{bind!r} is not an address in numbers, such as 192.0.2.5") from error
+        return bind
+
+    @field_validator("peers")
+    @classmethod
+    def _networks(cls, peers: tuple[str, ...]) -> tuple[str, ...]:
+        for peer in peers:
+            try:
+                ipaddress.ip_network(peer, strict=False)
+            except ValueError as error:
+                raise ValueError(
+                    f"{peer!r} is neither an address nor a network in numbers, such as 192.0.2.20 or "
+                    "192.0.2.64/28"
+                ) from error
+        return peers
+
+
+PlcSettings = Annotated[ModbusPlcSettings | ModbusServerPlcSettings, Field(discriminator="driver")]
 
 __all__ = [
     "CameraSettings",
     "GigeCameraSettings",
     "GripperSettings",
     "ModbusPlcSettings",
+    "ModbusServerPlcSettings",
     "PlcSettings",
     "Port",
     "ReplayCameraSettings",

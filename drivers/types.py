@@ -195,6 +195,7 @@ class PlcCommand(IntEnum):
     GRIPPER_OPEN = 8
     GRIPPER_CLOSE = 9
     RECOVER = 10
+    SET_MODE = 11
     PING = 255
 
 
@@ -303,3 +304,6 @@ class PlcOutputs:
     active_recipe: int = 0
     actual_speed_percent: int = 0
     boot_id: int = 0
+    first_alarm: int = 0
+    alarm_count: int = 0
+    unit_mode: int = 0

@@ -21,6 +21,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--minutes", type=float, help="how long a soak of cameras in tests/lab takes (20 s by default)"
     )
+    parser.addoption("--garbage-s", type=float, help="how long tests/lab talks nonsense (short by default)")
 
 
 @pytest.fixture(autouse=True)

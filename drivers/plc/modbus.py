@@ -16,8 +16,8 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException, ModbusIOException
 
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
-from drivers.plc_codec import decode_command, encode_status
-from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS
+from drivers.plc_codec import decode_command, encode_status, encode_test
+from drivers.plc_map import COMMAND_WORDS
 from drivers.settings import ModbusPlcSettings
 from drivers.timing import Clock
 from drivers.types import PlcInputs, PlcOutputs
@@ -84,6 +84,7 @@ class ModbusPlc:
         self._clock = clock
         self._in_use = False
         self._client: _Client | None = None
+        self._tested = False
 
     @property
     def name(self) -> str:
@@ -135,15 +136,10 @@ class ModbusPlc:
         if self._client is None:
             self._client = self._connected()
         client, unit = self._client, self._settings.unit
-
-        base = self._settings.write_base
-        answer = self._asked(
-            f"write of {STATUS_WORDS} registers at {base}",
-            ends_at,
-            lambda: client.write_registers(base, words, device_id=unit),
-        )
-        if (answer.address, answer.count) != (base, STATUS_WORDS):
-            raise self._mismatch(f"write of {STATUS_WORDS} registers at {base}")
+        if self._settings.test_base is not None and not self._tested:
+            self._write(client, self._settings.test_base, encode_test(order), ends_at)
+            self._tested = True
+        self._write(client, self._settings.write_base, words, ends_at)
 
         base = self._settings.read_base
         read_at = self._clock.now()
@@ -155,6 +151,13 @@ class ModbusPlc:
         if len(answer.registers) != COMMAND_WORDS:
             raise self._mismatch(f"read of {COMMAND_WORDS} registers at {base}")
         return decode_command(answer.registers, read_at, order)
+
+    def _write(self, client: _Client, base: int, words: Sequence[int], ends_at: float) -> None:
+        what = f"write of {len(words)} registers at {base}"
+        unit = self._settings.unit
+        answer = self._asked(what, ends_at, lambda: client.write_registers(base, words, device_id=unit))
+        if (answer.address, answer.count) != (base, len(words)):
+            raise self._mismatch(what)
 
     def _connected(self) -> _Client:
         s = self._settings
@@ -199,6 +202,7 @@ class ModbusPlc:
         if self._client is not None:
             self._client.close()
             self._client = None
+        self._tested = False
 
 
 def _quieten_vendor_log() -> None:

@@ -1,10 +1,12 @@
-"""The simulated PLC, a process of its own: a Modbus TCP server with the registers of map v1, and the program
-of `drivers.sim.plc_program` scanned every 10 ms beside it.
+"""The simulated PLC, a process of its own, in either role: a Modbus TCP server with the registers of map v1,
+or a client that polls the cell; the program of `drivers.sim.plc_program` is scanned every 10 ms beside it.
 
     python -m drivers.sim.plc --port 0 --orders until-empty --out summary.json
+    python -m drivers.sim.plc --connect 127.0.0.1:5020 --orders until-empty --out summary.json
 
-It prints one JSON line per event, ``{"event": "listening", "port": ...}`` first, and writes a summary when it
-ends. Exit code 0: every handshake closed and no rule of the contract was broken; 1: not so; 2: usage.
+It prints one JSON line per event, ``{"event": "listening", "port": ...}`` (or ``"polling"``) first, and
+writes a summary when it ends. Exit code 0: every handshake closed and no rule of the contract was broken;
+1: not so; 2: usage.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import signal
 import sys
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import cast
 
@@ -25,9 +28,11 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from drivers.errors import CommandRejected
 from drivers.plc_codec import WordOrder, decode_status, encode_command
-from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS
+from drivers.plc_map import COMMAND_WORDS, STATUS_WORDS, TEST_WORDS
 from drivers.sim import arguments as cli
+from drivers.sim.plc_client import CellRegisters, poll
 from drivers.sim.plc_program import PlcProgram, Task, Value
 from drivers.timing import Clock, MonotonicClock
 
@@ -35,7 +40,8 @@ SCAN_S = 0.01
 
 
 class RegisterServer:
-    """The registers on the wire. The cell may read everything and write the status block only.
+    """The registers on the wire. The cell may read everything and write the status block only, and the test
+    registers where there are some.
 
     ``port`` 0 takes a free one; `listen` returns the one taken.
     """
@@ -49,6 +55,7 @@ class RegisterServer:
         port: int,
         command_base: int = 0,
         status_base: int = 100,
+        test_base: int | None = None,
         word_order: WordOrder = "big",
     ) -> None:
         self._program = program
@@ -56,8 +63,10 @@ class RegisterServer:
         self._address = (host, port)
         self._command_base = command_base
         self._status_base = status_base
+        self._test_base = test_base
         self._word_order = word_order
         self._status_words = [0] * STATUS_WORDS
+        self.test_words = [0] * TEST_WORDS
         self._server: ModbusTcpServer | None = None
 
     async def listen(self) -> int:
@@ -68,10 +77,14 @@ class RegisterServer:
         RuntimeError
             The address cannot be listened on.
         """
-        blocks = sorted(((self._command_base, COMMAND_WORDS), (self._status_base, STATUS_WORDS)))
+        blocks = [(self._command_base, COMMAND_WORDS), (self._status_base, STATUS_WORDS)]
+        if self._test_base is not None:
+            blocks.append((self._test_base, TEST_WORDS))
         device = SimDevice(
             id=0,
-            simdata=[SimData(base, values=[0] * n, datatype=DataType.REGISTERS) for base, n in blocks],
+            simdata=[
+                SimData(base, values=[0] * n, datatype=DataType.REGISTERS) for base, n in sorted(blocks)
+            ],
             action=self._touched,
         )
         self._server = ModbusTcpServer(device, address=self._address, trace_connect=self._connected)
@@ -103,6 +116,10 @@ class RegisterServer:
         if written is None:
             first = self._command_base - start
             registers[first : first + COMMAND_WORDS] = encode_command(self._program.command, self._word_order)
+            return None
+        if self._test_base is not None and 0 <= address - self._test_base < TEST_WORDS:
+            offset = address - self._test_base
+            self.test_words[offset : offset + len(written)] = [int(word) for word in written]
             return None
         offset = address - self._status_base
         if offset < 0 or offset + len(written) > STATUS_WORDS:
@@ -194,6 +211,13 @@ def _orders(text: str) -> int | None:
     return int(text)
 
 
+def _peer(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
+    return host, cli.port(port)
+
+
 def _base(text: str) -> int:
     base = cli.word(text)
     if base + STATUS_WORDS > 65535:
@@ -207,6 +231,9 @@ def arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument(
         "--port", type=cli.port, default=0, help="0: any free one, see the first line printed"
+    )
+    parser.add_argument(
+        "--connect", type=_peer, metavar="HOST:PORT", help="be the client and poll the cell there"
     )
     parser.add_argument("--orders", type=_orders, default=None, metavar="N|until-empty")
     parser.add_argument("--out", type=Path, help="write a JSON summary here at the end")
@@ -224,20 +251,40 @@ def arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--word-order", choices=("big", "little"), default="big")
     parser.add_argument("--command-base", type=_base, default=0)
     parser.add_argument("--status-base", type=_base, default=100)
+    parser.add_argument("--test-base", type=_base, help="room for the cell's test registers")
     options = parser.parse_args(argv)
-    first, second = sorted(
-        ((options.command_base, COMMAND_WORDS), (options.status_base, STATUS_WORDS)),
-        key=lambda block: block[0],
-    )
-    if first[0] + first[1] > second[0]:
-        parser.error(f"the blocks at {first[0]} and {second[0]} overlap: the first has {first[1]} registers")
+    blocks = [(options.command_base, COMMAND_WORDS), (options.status_base, STATUS_WORDS)]
+    if options.test_base is not None:
+        blocks.append((options.test_base, TEST_WORDS))
+    for first, second in pairwise(sorted(blocks)):
+        if first[0] + first[1] > second[0]:
+            parser.error(
+                f"the blocks at {first[0]} and {second[0]} overlap: the first has {first[1]} registers"
+            )
     return options
+
+
+def _poll(program: PlcProgram, args: argparse.Namespace, clock: Clock) -> int:
+    """The client's role; returns the exit code."""
+    host, port = args.connect
+    lines = Lines()
+    lines.write({"event": "polling", "ready": True, "host": host, "port": port, "at": clock.now()})
+    try:
+        poll(program, CellRegisters(host, port, args.word_order), clock, lines.write)
+    except CommandRejected as error:
+        sys.stderr.write(f"simulated PLC: {error}\n")
+        return 1
+    if args.out is not None:
+        write_summary(args.out, program)
+    return 0 if program.clean else 1
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the simulated PLC with these arguments; returns the exit code."""
     args = arguments(argv)
-    refused = cli.refusal(args.host, args.port) or _unwritable(args.out)
+    refused = _unwritable(args.out)
+    if args.connect is None:
+        refused = cli.refusal(args.host, args.port) or refused
     if refused is not None:
         sys.stderr.write(f"simulated PLC: {refused}\n")
         return cli.EXIT_USAGE
@@ -255,6 +302,8 @@ def main(argv: Sequence[str]) -> int:
             deadline_s=args.deadline_s,
         )
     )
+    if args.connect is not None:
+        return _poll(program, args, clock)
     server = RegisterServer(
         program,
         clock,
@@ -262,6 +311,7 @@ def main(argv: Sequence[str]) -> int:
         port=args.port,
         command_base=args.command_base,
         status_base=args.status_base,
+        test_base=args.test_base,
         word_order=args.word_order,
     )
     try:

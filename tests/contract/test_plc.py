@@ -1,5 +1,5 @@
-"""The words behind `drivers.interfaces.Plc`, kept by the double and by the Modbus driver over real sockets:
-against servers that do all they are asked, refuse, stay silent, talk nonsense, hang up or are absent.
+"""The role in which the PLC is the server, over real sockets: against servers that do all they are asked,
+refuse, stay silent, talk nonsense, hang up or are absent. What both roles keep is in `test_plc_roles.py`.
 
 Real time passes here because time limits are the subject; every wait ends by an event or by its limit.
 """
@@ -12,20 +12,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
-from drivers.interfaces import Plc
 from drivers.plc.modbus import ModbusPlc
 from drivers.plc_codec import WordOrder
 from drivers.settings import ModbusPlcSettings
 from drivers.timing import MonotonicClock
 from drivers.types import PlcOutputs, ToolPose
-from tests.fakes.clock import FakeClock
-from tests.fakes.plc import IDLE, FakePlc
+from tests.fakes.modbuswire import bare, good_answer, obliging, reply, silent
+from tests.fakes.modbuswire import receive as request
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 0.2
@@ -52,111 +51,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-# bare servers
-
-
-class BareServer:
-    """Listens on loopback and hands every connection, one after the other, to ``talk``."""
-
-    def __init__(self, talk: Callable[[socket.socket], None], port: int = 0) -> None:
-        self._talk = talk
-        self._listener = socket.create_server(("127.0.0.1", port))
-        self.port = int(self._listener.getsockname()[1])
-        self.connections = 0
-        self.received = b""
-        self._open: list[socket.socket] = []
-        self._thread = threading.Thread(target=self._run, name="bare-server")
-        self._thread.start()
-
-    def _run(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                connection, _ = self._listener.accept()
-                self.connections += 1
-                self._open.append(connection)
-                with contextlib.suppress(OSError), connection:
-                    self._talk(connection)
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        for connection in self._open:
-            with contextlib.suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
-        self._thread.join(5.0)
-        assert not self._thread.is_alive()
-
-
-@contextlib.contextmanager
-def bare(talk: Callable[[socket.socket], None], port: int = 0) -> Iterator[BareServer]:
-    server = BareServer(talk, port)
-    try:
-        yield server
-    finally:
-        server.close()
-
-
-def request(connection: socket.socket) -> bytes:
-    """One whole request, b"" when the peer has hung up."""
-    data = b""
-    while len(data) < 6 or len(data) < 6 + int.from_bytes(data[4:6], "big"):
-        more = connection.recv(1024)
-        if not more:
-            return b""
-        data += more
-    return data
-
-
-def reply(asked: bytes, pdu: bytes) -> bytes:
-    """The answer frame to this request."""
-    return asked[:4] + (len(pdu) + 1).to_bytes(2, "big") + asked[6:7] + pdu
-
-
-def good_answer(asked: bytes, words: list[int] | None = None) -> bytes:
-    """What a PLC that does all it is asked says."""
-    if asked[7] == 16:
-        return reply(asked, asked[7:12])
-    block = words or [1, *([0] * 23)]
-    return reply(asked, bytes([3, 2 * len(block)]) + b"".join(word.to_bytes(2, "big") for word in block))
-
-
-def obliging(connection: socket.socket) -> None:
-    while asked := request(connection):
-        connection.sendall(good_answer(asked))
-
-
-def silent(connection: socket.socket) -> None:
-    while request(connection):
-        pass
-
-
-# the words of the interface
-
-
-@pytest.fixture(params=["modbus", "scripted"])
-def plc(request: pytest.FixtureRequest) -> Iterator[Plc]:
-    if request.param == "scripted":
-        yield FakePlc(FakeClock(), [IDLE])
-        return
-    with bare(obliging) as server, modbus(server.port) as plc:
-        yield plc
-
-
-def test_an_open_plc_exchanges_and_may_be_closed_twice_and_opened_again(plc: Plc) -> None:
-    plc.open()
-    assert plc.exchange(PlcOutputs()).map_version == 1
-    plc.close()
-    plc.close()
-    plc.open()
-    assert plc.exchange(PlcOutputs()).map_version == 1
-
-
-def test_closing_what_was_never_opened_is_allowed(plc: Plc) -> None:
-    plc.close()
-    assert plc.name == "plc"
 
 
 def test_constructing_connects_to_nothing() -> None:
@@ -417,3 +311,24 @@ def test_one_exchange_is_these_bytes_and_no_others() -> None:
     assert (inputs.cmd_seq, inputs.cmd_code, inputs.recipe) == (7, 1, 4)
     assert (inputs.max_attempts, inputs.speed_percent, inputs.result_ack_seq) == (2, 30, 6)
     assert abs(inputs.read_at - time.monotonic()) < 5.0
+
+
+def test_the_test_registers_are_written_once_per_connection_where_configured() -> None:
+    seen: list[bytes] = []
+
+    def recording(connection: socket.socket) -> None:
+        while asked := request(connection):
+            seen.append(asked[7:])
+            connection.sendall(good_answer(asked))
+
+    with bare(recording) as server:
+        wanted = settings(server.port).model_copy(update={"test_base": 200})
+        plc = ModbusPlc("plc", wanted, CLOCK)
+        for _ in range(2):
+            plc.open()
+            plc.exchange(PlcOutputs())
+            plc.exchange(PlcOutputs())
+            plc.close()
+    tests = [pdu for pdu in seen if pdu[:3] == b"\x10\x00\xc8"]
+    assert tests == [bytes.fromhex("10 00c8 0008 10 1234 cfc7 12345678 fffe1dc0 0001 0001")] * 2
+    assert len(seen) == 10

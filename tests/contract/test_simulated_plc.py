@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -20,9 +21,11 @@ import pytest
 from cell.handshake import Memory, begin, step
 from cell.types import CellReport, Outcome, PickOrder, PickResult
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
+from drivers.interfaces import Plc
 from drivers.plc.modbus import ModbusPlc
+from drivers.plc.server import ModbusServerPlc
 from drivers.plc_codec import WordOrder
-from drivers.settings import ModbusPlcSettings
+from drivers.settings import ModbusPlcSettings, ModbusServerPlcSettings
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import PlcInputs, PlcOutputs, ResultCode
 
@@ -64,7 +67,7 @@ class SimulatedPlc:
         )
         assert self.process.stdout is not None
         first = json.loads(self.process.stdout.readline())
-        assert first["event"] == "listening"
+        assert first["event"] == ("polling" if "--connect" in arguments else "listening")
         self.port = int(first["port"])
 
     def ended(self) -> bool:
@@ -100,7 +103,7 @@ def simulated(tmp_path: Path) -> Iterator[Callable[..., SimulatedPlc]]:
 class SmallCell:
     """The handshake over the real driver, with work that is done after ``polls_of_work`` polls."""
 
-    def __init__(self, plc: ModbusPlc, memory: Memory | None = None, polls_of_work: int = 4) -> None:
+    def __init__(self, plc: Plc, memory: Memory | None = None, polls_of_work: int = 4) -> None:
         self._plc = plc
         self._stop = StopToken(CLOCK)
         self.memory = memory or begin(boot_id=1, accepted=0, finished=None)
@@ -164,6 +167,63 @@ def test_orders_are_taken_finished_acknowledged_and_closed_over_the_wire(
     assert {(o.part_code, int(o.command), o.speed_fraction) for o in cell.orders} == {(8, 1, 0.25)}
     assert events == ["cell_back", *["ordered", "accepted", "result", "closed"] * 3, "ended"]
     assert summary["results_by_code"] == {"1": 3}
+
+
+@contextlib.contextmanager
+def serving(port: int, word_order: WordOrder = "big") -> Iterator[ModbusServerPlc]:
+    settings = ModbusServerPlcSettings(
+        driver="modbus_server", bind="127.0.0.1", port=port, peers=("127.0.0.1",), word_order=word_order
+    )
+    plc = ModbusServerPlc("plc", settings, CLOCK)
+    plc.open()
+    try:
+        yield plc
+    finally:
+        plc.close()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("extra", [(), ("--crc",), ("--word-order", "little")])
+def test_a_plc_that_polls_the_cell_gets_the_same_orders_done(
+    simulated: Callable[..., SimulatedPlc], extra: tuple[str, ...]
+) -> None:
+    port = free_port()
+    peer = simulated("--connect", f"127.0.0.1:{port}", "--orders", "3", "--part", "8", *extra)
+    with serving(port, "little" if "little" in extra else "big") as plc:
+        cell = SmallCell(plc)
+        cell.run_until(peer.ended)
+    code, events, summary = peer.result()
+    assert summary["handshake_errors"] == []
+    assert code == 0
+    assert [(o.request_id, o.part_code) for o in cell.orders] == [(1, 8), (2, 8), (3, 8)]
+    assert events == ["cell_back", *["ordered", "accepted", "result", "closed"] * 3, "ended"]
+
+
+def test_a_plc_that_polls_a_cell_that_dies_gets_42_and_goes_on(
+    simulated: Callable[..., SimulatedPlc],
+) -> None:
+    port = free_port()
+    peer = simulated("--connect", f"127.0.0.1:{port}", "--orders", "3")
+    with serving(port) as plc:
+        cell = SmallCell(plc, polls_of_work=10**6)
+        cell.run_until(lambda: len(cell.orders) == 1)
+        cell.poll()
+        accepted = cell.memory.accepted
+    interrupted = PickResult(
+        request_id=accepted, code=ResultCode.INTERRUPTED_BY_RESTART, outcome=Outcome.ABORTED
+    )
+    with serving(port) as plc:
+        cell = SmallCell(plc, begin(boot_id=2, accepted=accepted, finished=interrupted))
+        cell.run_until(peer.ended)
+    code, _, summary = peer.result()
+    assert (code, summary["handshake_errors"], summary["cell_restarts"]) == (0, [], 1)
+    assert summary["results_by_code"] == {"1": 2, "42": 1}
+    assert [o.request_id for o in cell.orders] == [2, 3]
 
 
 def test_until_empty_ends_when_the_bin_is_reported_empty(simulated: Callable[..., SimulatedPlc]) -> None:

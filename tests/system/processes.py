@@ -56,11 +56,15 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def write_config(folder: Path, sim_port: int, plc_port: int, *, overlays: bool = False) -> Path:
-    """The demo's configuration with these ports, its journal in ``folder``."""
+def write_config(
+    folder: Path, sim_port: int, plc_port: int, *, overlays: bool = False, plc: Line | None = None
+) -> Path:
+    """The demo's configuration with these ports, its journal in ``folder``; ``plc`` instead of its own
+    section."""
     data = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
     for section in (data["cameras"]["left"], data["cameras"]["right"], data["robot"], data["gripper"]):
         section["port"] = sim_port
+    data["plc"] = plc or data["plc"]
     data["plc"]["port"] = plc_port
     data["files"] = {"calibration": str(DEMO.parent / "calibration.json"), "journal": "journal.sqlite"}
     if overlays:

@@ -23,6 +23,8 @@ STICKS = 4
 
 SIM = ("--driver", "sim", "--speed", SPEED)
 UR = ("--driver", "ur")
+POLLED = (*SIM, "--plc", "client")
+"""The PLC polls the cell, which is the Modbus server."""
 
 
 def _demo(out: Path, *more: str) -> subprocess.Popen[str]:
@@ -46,7 +48,7 @@ def _children(session: int) -> list[str]:
     return alive
 
 
-@pytest.mark.parametrize("driver", [SIM, UR], ids=["sim", "ur"])
+@pytest.mark.parametrize("driver", [SIM, UR, POLLED], ids=["sim", "ur", "sim-polled"])
 def test_a_tray_is_emptied_on_the_orders_of_a_plc(tmp_path: Path, driver: tuple[str, ...]) -> None:
     out = tmp_path / "out"
     demo = _demo(out, *driver, "--sticks", str(STICKS), "--seed", "7")

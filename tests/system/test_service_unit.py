@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import configparser
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from cell import cli, daemon
+from drivers.settings import ModbusServerPlcSettings
 from tests.system.processes import ROOT
 
 UNIT = ROOT / "systemd" / "mikado.service"
@@ -94,3 +97,63 @@ def test_nothing_it_starts_may_write_where_it_must_not(unit: configparser.Config
     assert service["User"] not in ("", "root")
     assert service["StateDirectory"] == "mikado"  # the journal and the calibration
     assert f"/var/cache/{service['CacheDirectory']}" in service["Environment"]  # compiled code
+
+
+def test_it_may_listen_on_the_port_of_modbus_and_has_no_other_right(unit: configparser.ConfigParser) -> None:
+    service = unit["Service"]
+    assert service["AmbientCapabilities"] == service["CapabilityBoundingSet"] == "CAP_NET_BIND_SERVICE"
+    assert ModbusServerPlcSettings.model_fields["port"].default == 502
+
+
+def test_an_unprivileged_user_with_that_right_listens_on_502_and_without_it_is_told_why(
+    tmp_path: Path,
+) -> None:
+    """What the unit gives, given by `setpriv` here; in a network namespace of its own, so 502 is free."""
+    setpriv, unshare = shutil.which("setpriv"), shutil.which("unshare")
+    if os.getuid() != 0 or setpriv is None or unshare is None:
+        pytest.skip("needs root, setpriv and unshare: LISTENING ON PORT 502 HAS NOT BEEN TRIED")
+    script = (
+        "from drivers.errors import DriverError\n"
+        "from drivers.plc.server import ModbusServerPlc\n"
+        "from drivers.settings import ModbusServerPlcSettings\n"
+        "from drivers.timing import MonotonicClock\n"
+        "s = ModbusServerPlcSettings(driver='modbus_server', bind='0.0.0.0', peers=('127.0.0.1',))\n"
+        "plc = ModbusServerPlc('plc', s, MonotonicClock())\n"
+        "try:\n"
+        "    plc.open()\n"
+        "    print('listens on', s.port)\n"
+        "except DriverError as error:\n"
+        "    print(error)\n"
+        "plc.close()\n"
+    )
+
+    def tried(*rights: str) -> str:
+        done = subprocess.run(
+            [
+                *(
+                    unshare,
+                    "--net",
+                    "sh",
+                    "-c",
+                    'echo 1024 >/proc/sys/net/ipv4/ip_unprivileged_port_start; exec "$@"',
+                ),
+                *("-", setpriv, "--reuid=65534", "--regid=65534", "--clear-groups", *rights),
+                *(sys.executable, "-c", script),
+            ],
+            cwd=ROOT,
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=30.0,
+        )
+        if any(why in done.stderr for why in ("unshare", "Operation not permitted", "failed to execute")):
+            pytest.skip(f"PORT 502 HAS NOT BEEN TRIED, this machine does not allow it: {done.stderr.strip()}")
+        return done.stdout + done.stderr
+
+    right = "net_bind_service"
+    assert "listens on 502" in tried(
+        f"--inh-caps=-all,+{right}", f"--ambient-caps=-all,+{right}", f"--bounding-set=-all,+{right}"
+    )
+    told = tried("--inh-caps=-all", "--ambient-caps=-all", "--bounding-set=-all")
+    assert "cannot listen on 0.0.0.0:502: not permitted" in told
+    assert "CAP_NET_BIND_SERVICE" in told

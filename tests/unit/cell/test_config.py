@@ -59,7 +59,12 @@ def test_two_tries_with_one_file_give_the_same_settings() -> None:
         ("port: 5020", "port: 70000", "plc.port: Input should be less than or equal to 65535, found 70000"),
         ("port: 5020", "port: 0", "plc.port: Input should be greater than or equal to 1, found 0"),
         ("port: 5020", "port: modbus", "plc.port: Input should be a valid integer"),
-        ("plc: {driver: modbus", "plc: {driver: profinet", "plc.driver: Input should be 'modbus'"),
+        ("plc: {driver: modbus", "plc: {driver: profinet", "plc: Input tag 'profinet'"),
+        (
+            "plc: {driver: modbus, host: 127.0.0.1",
+            "plc: {driver: modbus_server, bind: plc, peers: [127.0.0.1]",
+            "plc.bind: 'plc' is not an address in numbers",
+        ),
         ('replay, folder: ., pattern: "left', 'laser, folder: ., pattern: "left', "Input tag 'laser'"),
         ("max_skew_s: 0.04", "max_skew_s: 0", "cameras.max_skew_s: Input should be greater than 0"),
         ("mount: fixed", "mount: tool", "tool is not supported yet"),

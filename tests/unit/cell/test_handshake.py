@@ -202,7 +202,10 @@ def test_supported_commands_are_taken(ready: Dialogue, command: int) -> None:
     [
         ({"cmd_code": 5}, ResultCode.UNKNOWN_COMMAND),
         ({"cmd_code": 6}, ResultCode.UNKNOWN_COMMAND),
-        ({"cmd_code": 10}, ResultCode.UNKNOWN_COMMAND),
+        ({"cmd_code": 10, "max_attempts": 0}, ResultCode.BAD_PARAMETER),
+        ({"cmd_code": 10, "max_attempts": 6}, ResultCode.BAD_PARAMETER),
+        ({"cmd_code": 11, "max_attempts": 0}, ResultCode.BAD_PARAMETER),
+        ({"cmd_code": 11, "max_attempts": 5}, ResultCode.BAD_PARAMETER),
         ({"cmd_code": 0}, ResultCode.UNKNOWN_COMMAND),
         ({"cmd_code": 77}, ResultCode.UNKNOWN_COMMAND),
         ({"speed_percent": 101}, ResultCode.BAD_PARAMETER),

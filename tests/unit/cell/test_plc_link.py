@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cell import cycle, handshake
+from cell.errors import JournalError
 from cell.journal import Journal
 from cell.loop import SERVICE_ENDS, CellLoop, Channels, Ticket
 from cell.plc_link import PERIOD_S, PlcLink
@@ -176,18 +177,39 @@ def test_an_order_is_journaled_before_the_cell_thread_gets_it(side: Side) -> Non
     assert known == [1]
 
 
-def test_an_order_that_cannot_be_journaled_reaches_nobody(side: Side) -> None:
+def test_an_order_that_cannot_be_journaled_is_refused_and_reaches_nobody(side: Side) -> None:
     side.up()
     side.wants(1)
 
     def full(order: PickOrder) -> None:
-        raise OSError("disk is full")
+        raise JournalError(Path("journal.sqlite"), "database or disk is full")
 
     side.journal.accept = full  # type: ignore[method-assign]  # a disk that is full
-    with pytest.raises(OSError, match="disk is full"):
-        side.turns(3)
-    assert not any(isinstance(item, Ticket) for item in side.taken())
-    assert all(outputs.accepted_seq == 0 for outputs in side.plc.sent)
+    side.turns(4)
+    taken = side.taken()
+    assert not any(isinstance(item, Ticket) for item in taken)
+    assert taken.count(Event.JOURNAL_LOST) == 1
+    answers = {(o.accepted_seq, o.ack_code) for o in side.plc.sent if o.accepted_seq}
+    assert answers == {(1, ResultCode.INTERNAL)}
+    assert not side.plc.sent[-1].busy
+
+
+def test_a_number_refused_for_a_full_disk_stays_refused_and_the_next_one_is_taken(side: Side) -> None:
+    accept = side.journal.accept
+    side.up()
+    side.wants(1)
+
+    def full(order: PickOrder) -> None:
+        raise JournalError(Path("journal.sqlite"), "database or disk is full")
+
+    side.journal.accept = full  # type: ignore[method-assign]  # a disk that is full
+    side.turns(4)
+    side.journal.accept = accept  # type: ignore[method-assign]  # somebody made room
+    side.turns(4)
+    assert side.journal.last() == (0, None, False)
+    side.wants(2)
+    side.turns(4)
+    assert side.journal.last() == (2, None, False)
 
 
 def test_an_order_shown_for_a_long_time_is_handed_over_once(side: Side) -> None:

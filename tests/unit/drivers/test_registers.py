@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import pytest
 from pydantic import ValidationError
 
-from drivers.plc_codec import crc16, decode_command, decode_status, encode_command, encode_status
+from drivers.plc_codec import (
+    WordOrder,
+    crc16,
+    decode_command,
+    decode_status,
+    encode_command,
+    encode_status,
+    encode_test,
+    read_test,
+)
 from drivers.plc_map import (
     COMMAND,
     COMMAND_WORDS,
     MAP_VERSION,
+    SERVER_WINDOWS,
     STATUS,
     STATUS_WORDS,
+    TEST,
+    TEST_WORDS,
+    Block,
     Kind,
     Register,
     next_sequence,
@@ -22,6 +35,8 @@ from drivers.plc_map import (
 from drivers.settings import ModbusPlcSettings
 from drivers.types import PlcOutputs, ToolPose
 from tests.fakes.plc import IDLE
+
+ORDERS: tuple[WordOrder, ...] = ("big", "little")
 
 # written out by hand from the map, not by the codec
 COMMAND_BY_HAND = [
@@ -94,7 +109,9 @@ def swapped(words: list[int], table: tuple[Register, ...]) -> list[int]:
     return out
 
 
-@pytest.mark.parametrize(("table", "size"), [(COMMAND, COMMAND_WORDS), (STATUS, STATUS_WORDS)])
+@pytest.mark.parametrize(
+    ("table", "size"), [(COMMAND, COMMAND_WORDS), (STATUS, STATUS_WORDS), (TEST, TEST_WORDS)]
+)
 def test_the_table_covers_its_block_without_gaps_or_overlaps(table: tuple[Register, ...], size: int) -> None:
     assert table[0].offset == 0
     for register, following in pairwise(table):
@@ -102,7 +119,7 @@ def test_the_table_covers_its_block_without_gaps_or_overlaps(table: tuple[Regist
     assert table[-1].offset + table[-1].kind.words == size
 
 
-@pytest.mark.parametrize("table", [COMMAND, STATUS])
+@pytest.mark.parametrize("table", [COMMAND, STATUS, TEST])
 def test_names_are_unique_and_every_row_says_what_it_means(table: tuple[Register, ...]) -> None:
     names = [r.name for r in table] + [b.name for r in table for b in r.bits]
     assert len(set(names)) == len(names)
@@ -236,3 +253,29 @@ def test_blocks_that_overlap_or_leave_the_address_space_are_refused(read_base: i
 def test_blocks_that_just_fit_are_taken(read_base: int, write_base: int) -> None:
     s = ModbusPlcSettings(driver="modbus", host="192.0.2.20", read_base=read_base, write_base=write_base)
     assert (s.read_base, s.write_base) == (read_base, write_base)
+
+
+@pytest.mark.parametrize("test_base", [0, 23, 93, 100, 139])
+def test_test_registers_over_another_block_are_refused(test_base: int) -> None:
+    with pytest.raises(ValidationError, match=r"test_base .* overlaps (read|write)_base"):
+        ModbusPlcSettings(driver="modbus", host="192.0.2.20", test_base=test_base)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_the_test_registers_tell_the_word_order(order: WordOrder) -> None:
+    words = encode_test(order)
+    assert len(words) == TEST_WORDS
+    assert read_test(words) == order
+    assert read_test([*words[:-1], 3]) is None
+    big = words[2:4] == [0x1234, 0x5678]
+    assert big is (order == "big")
+
+
+def test_every_window_of_the_server_shows_a_whole_block_and_none_overlap() -> None:
+    sizes = {Block.COMMAND: COMMAND_WORDS, Block.STATUS: STATUS_WORDS, Block.TEST: TEST_WORDS}
+    for window in SERVER_WINDOWS:
+        assert window.count == sizes.get(window.block, 16)
+        assert window.writable is (window.block in (Block.COMMAND, Block.CONTROL_BITS))
+    for first, second in combinations(SERVER_WINDOWS, 2):
+        apart = first.first + first.count <= second.first or second.first + second.count <= first.first
+        assert first.area is not second.area or apart
