@@ -5,10 +5,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test soak chaos check format bench lock clean
+.PHONY: help demo test soak chaos soak-cameras check format bench lock clean
 
 help:  ## this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
 
 $(VENV)/.run: requirements/run.lock pyproject.toml requirements/venv
 	@requirements/venv "$(PYTHON)" "$(VENV)"
@@ -32,6 +32,10 @@ soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 p
 
 chaos: $(VENV)/.dev  ## bad nights: picks with random faults on two simulated cells side by side (PICKS=2000 for a long one)
 	$(BIN)/pytest -q -s -n 0 tests/lab/test_chaos.py --picks $(PICKS)
+
+MINUTES ?= 30
+soak-cameras: $(VENV)/.dev  ## two GigE Vision cameras at 30 frames a second, half an hour (MINUTES=N), as root
+	$(BIN)/pytest -q -s tests/lab/test_gige_soak.py --minutes $(MINUTES)
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .

@@ -257,6 +257,7 @@ def _whole_look(station: Station, sight: Sight, finding: Finding, stop: StopToke
         seen=len(scene.candidates),
         offered=len(scene.offered),
         find_s=times.spent_s[Stage.FIND.value],
+        skew_s=round(sight.pair.skew_s, 5),
     )
     return Look(
         order=sight.order, part=sight.part, pair=sight.pair, scene=scene, plans=plans, among=sight.among

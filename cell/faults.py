@@ -54,7 +54,12 @@ class VisionFailed(Exception):
 
 
 class PictureUnusable(Exception):
-    """A picture cannot be used: black, saturated, flat or unchanging. Names camera and number."""
+    """A picture cannot be used: black, saturated, flat, blurred, unchanging, in another light than before.
+    Names camera and number."""
+
+
+class CameraMoved(PictureUnusable):
+    """The two cameras no longer stand as they were calibrated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +93,7 @@ TABLE: Final[dict[FaultCode, Row]] = {
         result=ResultCode.VISION_ERROR, action=f"the two pictures were too far apart in time; {_RESET}"
     ),
     FaultCode.IMAGE_UNUSABLE: Row(
-        result=ResultCode.VISION_ERROR, action=f"check light, lens cap, exposure; {_RESET}"
+        result=ResultCode.VISION_ERROR, action=f"check light, lens cap, focus, exposure; {_RESET}"
     ),
     FaultCode.VISION_INTERNAL: Row(
         result=ResultCode.VISION_ERROR, action="reset; send the journal to the makers if it comes again"
@@ -204,6 +209,8 @@ def fault_of(error: Exception) -> Fault:
             kinds = _BY_DEVICE.get(device.split(".")[0], {})
             known = (kinds[kind] for kind in type(error).__mro__ if kind in kinds)
             return Fault(code=next(known, FaultCode.INTERNAL), detail=str(error))
+        case CameraMoved():
+            return Fault(code=FaultCode.CALIBRATION_MISMATCH, detail=str(error))
         case PictureUnusable():
             return Fault(code=FaultCode.IMAGE_UNUSABLE, detail=str(error))
         case JournalError():

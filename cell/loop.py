@@ -205,6 +205,7 @@ class CellLoop:
             detail = f"{self._station.robot.name}: its program was ended, at the panel or by its controller"
             self._fault(Fault(code=FaultCode.MOVE_REJECTED, detail=detail))
             return
+        self._station.rig.check()
         self._publish(vision_ok=True, part_in_gripper=self._station.gripper.grip() is Grip.HOLDING)
 
     def _happened(self, event: Event) -> None:

@@ -2,18 +2,49 @@
 
 from __future__ import annotations
 
-from cell import frames
+import math
+from dataclasses import dataclass
+
+from cell import calibration, frames
+from cell.calibration import Calibration
 from cell.colours import in_colour
-from cell.faults import PictureUnusable
+from cell.faults import CameraMoved, PictureUnusable
 from drivers.types import Frame, FramePair, Pixels
-from vision import quality
-from vision.types import Grey
+from vision import epipolar, light, quality, sharpness
+from vision.epipolar import RowResidual
+from vision.stereo import Rectification, rectification
+from vision.types import Grey, PictureFlaw, Plane, Unusable
+
+_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Standing:
+    """How the cameras stood when they were calibrated, and how far off anything to be seen is."""
+
+    rect: Rectification
+    depth_m: tuple[float, float]
+
+    @staticmethod
+    def of(known: Calibration, table: Plane, height_m: tuple[float, float]) -> Standing:
+        """Over a table. Raises `CalibrationError` when the camera does not look down on it."""
+        near, far = calibration.depth_bounds_m(known, table, height_m)
+        # the rectified viewing direction differs a little from that of the left camera
+        return Standing(rect=rectification(known.stereo), depth_m=(0.9 * near, 1.1 * far))
+
+    def row_residual(self, left: Grey, right: Grey) -> RowResidual:
+        """How far the rows of the right picture are off."""
+        return epipolar.row_residual(left, right, self.rect, self.depth_m)
 
 
 class PictureCheck:
-    """Remembers the last pair, because a frozen camera serves the same picture with new times."""
+    """Remembers the last pair: a frozen camera serves the same picture with new times, and light changes.
 
-    def __init__(self) -> None:
+    Without ``standing`` it does not look whether a camera was moved.
+    """
+
+    def __init__(self, standing: Standing | None = None) -> None:
+        self._standing = standing
         self._last: dict[str, Grey] = {}
 
     def check(self, pair: FramePair) -> tuple[Grey, Grey]:
@@ -22,9 +53,15 @@ class PictureCheck:
         Raises
         ------
         PictureUnusable
-            Black, saturated, without contrast, or bit for bit the one before.
+            Black, saturated, without contrast, blurred, bit for bit the one before, or in another light. A
+            new light is said once: the next pair is compared with it.
+        CameraMoved
+            The rows of the two pictures do not belong together any more.
         """
-        return self._check(pair.left), self._check(pair.right)
+        left, right = self._check(pair.left), self._check(pair.right)
+        if self._standing is not None:
+            refuse_moved(self._standing.row_residual(left, right), pair.left.camera, pair.right.camera)
+        return left, right
 
     def forget(self) -> None:
         """The next pair is compared with nothing: a camera was opened anew."""
@@ -40,16 +77,44 @@ class PictureCheck:
                 "the camera is frozen, or a recording is repeated"
             )
         self._last[frame.camera] = grey
+        change = None if last is None else light.light_change(last, grey)
+        if change is not None and change.changed:
+            raise PictureUnusable(
+                f"{frame.camera}: exposure or light changed: {change.share:.0%} of picture {frame.sequence} "
+                f"is {change.factor:.2f} times as bright as the one before (limit {light.CHANGED_FACTOR:.2f} "
+                "times)"
+            )
         return grey
 
 
 def refuse_flawed(grey: Grey, what: str) -> None:
-    """Raise `PictureUnusable` for a black, saturated or flat picture."""
-    flaw = quality.assess(grey)
+    """Raise `PictureUnusable` for a black, saturated, flat or blurred picture."""
+    flaw = quality.assess(grey) or _blurred(grey)
     if flaw is not None:
         raise PictureUnusable(
             f"{what}: picture is {flaw.flaw.value} ({flaw.value:.3g}, limit {flaw.limit:.3g})"
         )
+
+
+def refuse_moved(rows: RowResidual, left: str, right: str) -> None:
+    """Raise `CameraMoved` when enough places of a pair say that its rows are off."""
+    if not rows.known:
+        return
+    doubt_px = _SIGMAS * rows.spread_px / math.sqrt(rows.points)
+    if abs(rows.px) - doubt_px > epipolar.MOVED_PX:
+        raise CameraMoved(
+            f"{left}, {right}: rows are off by {rows.px:+.1f} px (limit {epipolar.MOVED_PX:g}; {rows.points} "
+            f"of {rows.tried} places agree): a camera was moved since the calibration; fix it and calibrate "
+            "anew"
+        )
+
+
+def _blurred(grey: Grey) -> Unusable | None:
+    blur_px = sharpness.blur_px(grey)
+    # NaN: nothing to tell by, as on an empty table
+    if blur_px > sharpness.BLURRED_PX:
+        return Unusable(flaw=PictureFlaw.BLURRED, value=blur_px, limit=sharpness.BLURRED_PX)
+    return None
 
 
 def require_colour(frame: Frame, part_name: str) -> Pixels:

@@ -17,11 +17,17 @@ from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.missed import MissedParts
 from cell.pattern import Places
-from cell.pictures import PictureCheck
+from cell.pictures import PictureCheck, Standing
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
-from drivers.settings import CameraSettings, ReplayCameraSettings, SimCameraSettings
+from drivers.settings import (
+    CameraSettings,
+    GigeCameraSettings,
+    ReplayCameraSettings,
+    SimCameraSettings,
+    V4l2CameraSettings,
+)
 from drivers.timing import Clock
 
 
@@ -65,6 +71,8 @@ def _has_colour(camera: CameraSettings) -> bool:
     match camera:
         case SimCameraSettings():
             return True
+        case V4l2CameraSettings():
+            return camera.format != "GREY"
         case ReplayCameraSettings():
             try:
                 first = min(camera.folder.glob(camera.pattern), default=None)
@@ -73,6 +81,8 @@ def _has_colour(camera: CameraSettings) -> bool:
                 return True  # the camera says so itself when it is opened
             picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
             return picture is None or in_colour(np.asarray(picture, dtype=np.uint8)) is not None
+        case GigeCameraSettings():
+            return camera.colours
         case _:
             assert_never(camera)
 
@@ -108,6 +118,8 @@ def build(
     gripper = factory.gripper("gripper", config.gripper, robot)
     if known.base_from_camera is None:
         raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
+    table = calibration.table_of(known, config.workspace.floor_z_m)
+    standing = Standing.of(known, table, config.tuning.height_m)
     station = Station(
         rig=rig,
         robot=robot,
@@ -115,7 +127,7 @@ def build(
         gripper=gripper,
         stereo=known.stereo,
         base_from_camera=known.base_from_camera,
-        table=calibration.table_of(known, config.workspace.floor_z_m),
+        table=table,
         tuning=config.tuning.tuning(),
         parts=config.parts,
         heaps=config.heaps,
@@ -124,7 +136,7 @@ def build(
         jaws=config.jaws,
         motion=config.motion,
         clock=cell_clock,
-        pictures=PictureCheck(),
+        pictures=PictureCheck(standing),
         missed=MissedParts(config.operation.strategy.avoid_looks, config.operation.strategy.avoid_radius_m),
         progress=progress,
         looked=looked,

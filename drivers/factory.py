@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import assert_never
+from typing import TYPE_CHECKING, assert_never
 
 from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
+    GigeCameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     ModbusServerPlcSettings,
@@ -19,9 +20,15 @@ from drivers.settings import (
     SimGripperSettings,
     SimRobotSettings,
     UrRobotSettings,
+    V4l2CameraSettings,
+    runs_freely,
 )
 from drivers.timing import Clock
-from drivers.types import Check
+from drivers.types import Check, FoundCamera
+
+if TYPE_CHECKING:
+    from drivers.camera.life import Bell
+    from drivers.camera.source import Source
 
 
 class Factory:
@@ -30,8 +37,8 @@ class Factory:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
 
-    def camera(self, name: str, settings: CameraSettings) -> Camera:
-        """A camera called ``name``."""
+    def camera(self, name: str, settings: CameraSettings, bell: Bell | None = None) -> Camera:
+        """A camera called ``name``; ``bell`` is shared by cameras that expose together on our word."""
         match settings:
             case SimCameraSettings():
                 from drivers.sim.devices import SimCamera
@@ -41,15 +48,64 @@ class Factory:
                 from drivers.camera.replay import ReplayCamera
 
                 return ReplayCamera(name, settings, self.clock)
+            case V4l2CameraSettings():
+                from drivers.camera.life import Life, OwnedCamera
+
+                life = Life(period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s)
+                return OwnedCamera(self._webcam(name, settings), life, self.clock)
+            case GigeCameraSettings():
+                from drivers.camera.gige import GigeSource
+                from drivers.camera.life import Life, OwnedCamera
+
+                source = GigeSource(name, settings, self.clock)
+                life = Life(
+                    period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s, idle_s=settings.lost_s / 2.0
+                )
+                trigger = source.trigger if settings.trigger == "software" else None
+                return OwnedCamera(source, life, self.clock, trigger, bell)
             case _:
                 assert_never(settings)
 
+    def _webcam(self, name: str, settings: V4l2CameraSettings) -> Source:
+        match settings.capture:
+            case "ioctl":
+                from drivers.camera.v4l2 import V4l2Source
+
+                return V4l2Source(name, settings, self.clock)
+            case "opencv":
+                from drivers.camera.opencv import OpencvSource
+
+                return OpencvSource(name, settings, self.clock)
+            case _:
+                assert_never(settings.capture)
+
+    def camera_checks(self, left: CameraSettings, right: CameraSettings) -> tuple[Check, ...]:
+        """What a look at what the cameras need on this machine shows; opens no camera."""
+        wanted = tuple(one for one in (left, right) if isinstance(one, GigeCameraSettings))
+        if not wanted:
+            return ()
+        from drivers.camera.gige_checks import checks
+
+        return checks(wanted)
+
+    def cameras_found(self) -> tuple[FoundCamera, ...]:
+        """The cameras that can be seen from here, configured or not; those of each kind by name."""
+        from drivers.camera import v4l2_list
+
+        return v4l2_list.found()
+
     def rig(self, left: CameraSettings, right: CameraSettings, max_skew_s: float) -> StereoRig:
         """Two cameras, ``camera.left`` and ``camera.right``, as a rig."""
+        from drivers.camera.life import Bell
         from drivers.camera.pair import TwoCameraRig
 
+        bell = Bell()
         return TwoCameraRig(
-            self.camera("camera.left", left), self.camera("camera.right", right), max_skew_s, self.clock
+            self.camera("camera.left", left, bell),
+            self.camera("camera.right", right, bell),
+            max_skew_s,
+            self.clock,
+            free_running=runs_freely(left) or runs_freely(right),
         )
 
     def robot(self, name: str, settings: RobotSettings) -> Robot:

@@ -43,12 +43,20 @@ class Camera(Device, Protocol):
         """A frame exposed after ``newer_than``, or `DeviceTimeout`."""
         ...
 
+    def check(self) -> None:
+        """Does not wait; raises `DeviceUnavailable` when it is known to be lost, or is not open."""
+        ...
+
 
 class StereoRig(Device, Protocol):
     """Two cameras that look at one instant."""
 
     def grab_pair(self, *, newer_than: float, timeout_s: float) -> FramePair:
         """Frames exposed after ``newer_than``, within the skew limit; or `DeviceTimeout`, `StaleData`."""
+        ...
+
+    def check(self) -> None:
+        """Does not wait; raises `DeviceUnavailable` when a camera is known to be lost, or is not open."""
         ...
 
 

@@ -44,6 +44,20 @@ class FramePair:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FoundCamera:
+    """A camera that is there, configured or not. ``device`` is what a configuration calls it; ``problem``
+    says why nothing more is known of it."""
+
+    driver: str
+    device: str
+    also: tuple[str, ...] = ()
+    model: str = ""
+    formats: tuple[str, ...] = ()
+    controls: tuple[str, ...] = ()
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ToolPose:
     """The tool in the robot's base frame: metres, and a rotation vector in radians."""
 

@@ -359,11 +359,12 @@ class PictureFlaw(Enum):
     SATURATED = "saturated"
     FLAT = "without contrast"
     UNCHANGING = "bit for bit the same as the one before"
+    BLURRED = "blurred"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unusable:
-    """One flaw with its number: share or grey value ``value`` against ``limit``."""
+    """One flaw with its number: share, grey value or px ``value`` against ``limit``."""
 
     flaw: PictureFlaw
     value: float

@@ -20,7 +20,7 @@ from cell.commission.told import document_of, table_of
 from cell.config import PartConfig
 from cell.errors import CalibrationError, UsageError
 from cell.missed import MissedParts
-from cell.pictures import PictureCheck, refuse_flawed
+from cell.pictures import PictureCheck, Standing, refuse_flawed
 from cell.planning import Plan, plan_picks
 from cell.reaching import reach_of
 from cell.stopwatch import StageTimes
@@ -108,7 +108,8 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         raise UsageError(f"{config_path} has no part with code {part_code}; it has {codes}")
     clock = MonotonicClock()
     rig = Factory(clock).rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
-    check = PictureCheck()
+    table = calibration.table_of(known, config.workspace.floor_z_m)
+    check = PictureCheck(Standing.of(known, table, config.tuning.height_m))
     rig.open()
     try:
         # twice, because only the second can show that a camera is frozen
@@ -133,7 +134,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         known=known,
         part=part,
         tuning=tuning,
-        table=calibration.table_of(known, config.workspace.floor_z_m),
+        table=table,
         config=config,
         among=among,
     )

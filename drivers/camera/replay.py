@@ -67,6 +67,11 @@ class ReplayCamera:
         """Forget the list."""
         self._files, self._next = (), 0
 
+    def check(self) -> None:
+        """A folder is not lost; `DeviceUnavailable` when it is not open."""
+        if not self._files:
+            raise DeviceUnavailable(self._name, "not open")
+
     def grab(self, *, newer_than: float, timeout_s: float) -> Frame:
         """The next picture.
 

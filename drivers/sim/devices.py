@@ -64,6 +64,11 @@ class Link:
         """Whether there is a connection, as far as is known."""
         return self._socket is not None
 
+    @property
+    def opened(self) -> bool:
+        """Whether calls are taken."""
+        return self._opened
+
     def open(self) -> None:
         """Connect, or raise `DeviceUnavailable` (`CommandRejected` if the greeting is refused)."""
         self._opened = True
@@ -166,6 +171,11 @@ class SimCamera:
     def close(self) -> None:
         """Disconnect."""
         self._link.close()
+
+    def check(self) -> None:
+        """`DeviceUnavailable` when it is not open; that the process is gone, the next picture tells."""
+        if not self._link.opened:
+            raise DeviceUnavailable(self._name, "not open")
 
     def grab(self, *, newer_than: float, timeout_s: float) -> Frame:
         """A frame exposed after ``newer_than`` (monotonic seconds), or `DeviceTimeout`.

@@ -1,4 +1,5 @@
-"""What every camera promises (DESIGN section 5): the simulated cell over its socket, a folder, the double."""
+"""What every camera promises (DESIGN section 5): the simulated cell over its socket, a folder, the double;
+and webcams of the kernel, in the virtual machine of tests/lab."""
 
 from __future__ import annotations
 
@@ -12,8 +13,9 @@ import pytest
 
 from drivers.camera.replay import ReplayCamera
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
+from drivers.factory import Factory
 from drivers.interfaces import Camera
-from drivers.settings import ReplayCameraSettings, SimCameraSettings
+from drivers.settings import ReplayCameraSettings, SimCameraSettings, V4l2CameraSettings
 from drivers.sim.devices import SimCamera
 from drivers.timing import MonotonicClock
 from tests.fakes.camera import FakeCamera
@@ -21,7 +23,10 @@ from tests.fakes.simcell import SimCell, sim_cell
 
 CLOCK = MonotonicClock()
 MARGIN_S = 0.7
+ROOT = Path(__file__).parents[2]
 NOWHERE = 9  # the discard port: nobody listens there
+WEBCAM = Path("/dev/v4l/by-path/platform-vhci_hcd.0-usb-0:1:1.0-video-index0")
+"""Made of nothing, in the virtual machine of tests/lab."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,16 +75,53 @@ def scripted(open_error: Exception | None = None) -> FakeCamera:
     return camera
 
 
-@pytest.fixture(params=["sim", "replay", "scripted"])
-def kind(request: pytest.FixtureRequest, cell: SimCell, pictures: Path) -> Kind:
-    kinds = {
-        "sim": Kind(good=lambda: sim(cell.port), absent=lambda: sim(NOWHERE)),
-        "replay": Kind(good=lambda: replay(pictures), absent=lambda: replay(pictures / "nothing")),
-        "scripted": Kind(
-            good=scripted, absent=lambda: scripted(DeviceUnavailable("camera.left", "not there"))
-        ),
-    }
-    return kinds[str(request.param)]
+def webcam(capture: str, device: Path = WEBCAM) -> Camera:
+    settings = V4l2CameraSettings.model_validate(
+        {
+            "driver": "v4l2",
+            "device": str(device),
+            "capture": capture,
+            "width_px": 640,
+            "height_px": 480,
+            "exposure_us": 5000,
+        }
+    )
+    return Factory(CLOCK).camera("camera.left", settings)
+
+
+@pytest.fixture(
+    params=["sim", "replay", "scripted", "v4l2", "v4l2 through OpenCV", "gige", "gige by software"]
+)
+def kind(request: pytest.FixtureRequest) -> Iterator[Kind]:
+    match request.param:
+        case "sim":
+            cell: SimCell = request.getfixturevalue("cell")
+            yield Kind(good=lambda: sim(cell.port), absent=lambda: sim(NOWHERE))
+        case "replay":
+            pictures: Path = request.getfixturevalue("pictures")
+            yield Kind(good=lambda: replay(pictures), absent=lambda: replay(pictures / "nothing"))
+        case "scripted":
+            gone = DeviceUnavailable("camera.left", "not there")
+            yield Kind(good=scripted, absent=lambda: scripted(gone))
+        case "gige" | "gige by software":
+            from tests.lab import gige  # not in the virtual machine of the webcams
+
+            gige.require()
+            trigger = "software" if "software" in request.param else "free"
+            picture = ROOT / "tests" / "data" / "left.png"
+            with gige.network() as net, gige.peer(net, "left", "--picture", str(picture)):
+
+                def vision(address: str) -> Camera:
+                    wanted = gige.settings("left", address=address, pixel_format="BayerRG8", trigger=trigger)
+                    return Factory(CLOCK).camera("camera.left", wanted)
+
+                yield Kind(good=lambda: vision(gige.ADDRESSES["left"]), absent=lambda: vision("10.77.1.99"))
+        case _:
+            if not WEBCAM.exists():
+                pytest.skip("no USB camera of the lab here; tests/lab/test_v4l2.py runs this in its machine")
+            capture = "opencv" if "OpenCV" in request.param else "ioctl"
+            nowhere = WEBCAM.with_name("nothing-video-index0")
+            yield Kind(good=lambda: webcam(capture), absent=lambda: webcam(capture, nowhere))
 
 
 @pytest.fixture

@@ -40,6 +40,7 @@ class FakeCamera:
         self.answers: list[Pixels | Frame | Exception] = list(answers)
         self.open_error: Exception | None = None
         self.age_s = age_s
+        self.lost: str | None = None
         self.calls: list[Grab] = []
         self.opened = 0
         self.closed = 0
@@ -59,6 +60,12 @@ class FakeCamera:
     def close(self) -> None:
         self.closed += 1
         self._open = False
+
+    def check(self) -> None:
+        if not self._open:
+            raise DeviceUnavailable(self._name, "not open")
+        if self.lost is not None:
+            raise DeviceUnavailable(self._name, self.lost)
 
     def grab(self, *, newer_than: float, timeout_s: float) -> Frame:
         self.calls.append(Grab(newer_than=newer_than, timeout_s=timeout_s))

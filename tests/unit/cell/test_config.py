@@ -65,7 +65,7 @@ def test_two_tries_with_one_file_give_the_same_settings() -> None:
             "plc: {driver: modbus_server, bind: plc, peers: [127.0.0.1]",
             "plc.bind: 'plc' is not an address in numbers",
         ),
-        ('replay, folder: ., pattern: "left', 'gige, folder: ., pattern: "left', "Input tag 'gige'"),
+        ('replay, folder: ., pattern: "left', 'laser, folder: ., pattern: "left', "Input tag 'laser'"),
         ("max_skew_s: 0.04", "max_skew_s: 0", "cameras.max_skew_s: Input should be greater than 0"),
         ("mount: fixed", "mount: tool", "tool is not supported yet"),
         ("mount: fixed", "mount: ceiling", "cameras.mount: Input should be 'fixed' or 'tool'"),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from cell.faults import PictureUnusable
-from cell.pictures import PictureCheck, refuse_flawed
+from cell import calibration
+from cell.faults import CameraMoved, FaultCode, PictureUnusable, fault_of
+from cell.pictures import PictureCheck, Standing, refuse_flawed
 from drivers.types import Frame, FramePair, Pixels
-from tests.fakes.station import drawn
+from tests.fakes.station import DATA, drawn
 
 
 def pair(left: Pixels, right: Pixels, sequence: int = 1) -> FramePair:
@@ -77,3 +79,34 @@ def test_cameras_that_were_opened_anew_are_compared_with_nothing() -> None:
 def test_a_file_is_named_in_the_same_words() -> None:
     with pytest.raises(PictureUnusable, match=r"left\.png: picture is black"):
         refuse_flawed(np.zeros((10, 10), dtype=np.uint8), "left.png")
+
+
+def blurred(pixels: Pixels, sigma_px: float) -> Pixels:
+    return np.asarray(cv2.GaussianBlur(pixels, (0, 0), sigma_px), np.uint8)
+
+
+def test_a_blurred_picture_is_refused_with_its_blur_in_pixels() -> None:
+    with pytest.raises(PictureUnusable, match=r"camera\.left: picture is blurred \(\d.*, limit 2.2\)"):
+        PictureCheck().check(pair(blurred(LEFT[0], 4.0), RIGHT[0]))
+    PictureCheck().check(pair(blurred(LEFT[0], 1.0), RIGHT[0]))
+
+
+def test_another_exposure_is_said_once_and_then_is_the_one_to_compare_with() -> None:
+    check = PictureCheck()
+    check.check(pair(LEFT[0], RIGHT[0]))
+    brighter = [np.asarray(cv2.convertScaleAbs(one, alpha=1.6), np.uint8) for one in LEFT]
+    with pytest.raises(PictureUnusable, match=r"camera\.left: exposure or light changed: .* 1\.[56]\d times"):
+        check.check(pair(brighter[1], RIGHT[1]))
+    check.check(pair(brighter[2], RIGHT[2]))
+
+
+def test_a_camera_that_was_moved_is_named_with_the_rows_it_is_off() -> None:
+    known = calibration.load(DATA / "calibration.json")
+    check = PictureCheck(Standing.of(known, calibration.table_of(known, 0.02), (-0.005, 0.06)))
+    check.check(pair(LEFT[0], RIGHT[0]))
+    moved = np.roll(RIGHT[1], 5, axis=0)
+    with pytest.raises(
+        CameraMoved, match=r"camera\.left, camera\.right: rows are off by \+[45]\.\d px"
+    ) as caught:
+        check.check(pair(LEFT[1], moved))
+    assert fault_of(caught.value).code is FaultCode.CALIBRATION_MISMATCH
