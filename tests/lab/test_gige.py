@@ -234,6 +234,7 @@ def test_a_look_over_the_wire_finds_the_sticks_of_the_scene(net: Network, tmp_pa
     assert done.returncode == 0, done.stdout + done.stderr
     candidates = json.loads((tmp_path / "look.json").read_text())["candidates"]
     lengths = [c["length_m"] for c in candidates if c["offered"]]
+    print(done.stdout)
     print(f"\noffered over the wire, lengths in m: {lengths}")
     assert len(lengths) >= 4
     assert all(length == pytest.approx(0.100, abs=0.004) for length in lengths)
