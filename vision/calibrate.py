@@ -2,9 +2,10 @@
 
 Zhang, "A flexible new technique for camera calibration", PAMI 22 (2000), in OpenCV's hands, gives each camera
 alone and a first guess of where they stand to each other. Everything is then adjusted together on the
-reprojection error of all corners (`vision.adjust`): what each camera is (nine numbers), how they stand to each
-other (six), where the board lay (six a view). The inverse of the normal matrix of that adjustment, times the mean square of what
-remains, is the covariance of its unknowns (Triggs et al., "Bundle adjustment - a modern synthesis", 2000).
+reprojection error of all corners (`vision.adjust`): what each camera is (nine numbers), how they stand to
+each other (six), where the board lay (six a view). The inverse of the normal matrix of that adjustment, times
+the mean square of what remains, is the covariance of its unknowns (Triggs et al., "Bundle adjustment - a
+modern synthesis", 2000).
 """
 
 from __future__ import annotations

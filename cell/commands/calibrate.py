@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING
 
-from cell.commands import Commands, Group
-from cell.commands import calibrate_board, calibrate_cameras
+from cell.commands import calibrate_board
 
-KINDS: Final[tuple[Group, ...]] = (calibrate_board.add, calibrate_cameras.add)
-"""Each adds its parsers under ``mikado calibrate``."""
+if TYPE_CHECKING:
+    from cell.commands import Commands
 
 
 def add(commands: Commands) -> None:
-    """Add the group."""
-    group = commands.add_parser("calibrate", help="print a board, calibrate cameras and robot")
+    """Add the group; each kind adds its own parsers."""
+    group = commands.add_parser("calibrate", help="print a board, calibrate the cameras")
     kinds = group.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    for add_kind in KINDS:
+    for add_kind in (calibrate_board.add,):
         add_kind(kinds)
