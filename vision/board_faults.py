@@ -18,7 +18,7 @@ BLURRED_BESIDE: Final = 1.7
 LEAST_SHARE: Final = 0.25
 """Of a ChArUco board at least this share of its corners must be seen."""
 LEAST_CONTRAST: Final = 25.0
-REPEATED: Final = 0.5
+REPEATED: Final = 0.3
 """Corners moved by less than this share of a square: the same view again."""
 _FLAT: Final = 0.12
 """Corners lie off a plane's picture by less than this share of a square, lens distortion included."""
@@ -59,12 +59,13 @@ def off_plane(corners: Corners, board: Board) -> float:
 
 
 def moved(corners: Corners, before: Corners) -> float:
-    """How far a board moved between two pictures of one camera: median over common corners, in squares."""
+    """How far a board moved between two pictures of one camera: nine tenths of its corners at most, in "
+    "squares."""
     _, one, other = np.intersect1d(corners.ids, before.ids, assume_unique=True, return_indices=True)
     if len(one) < 3:
         return float("inf")
     way = np.linalg.norm(corners.pixels[one] - before.pixels[other], axis=1)
-    return float(np.median(way)) / corners.spacing_px
+    return float(np.percentile(way, 90)) / corners.spacing_px
 
 
 def repeats(
