@@ -4,8 +4,8 @@
 
 The bench's webcams look at spread sticks from the stated heights above the table; the same cameras, the same
 baseline, other distances. The error is that of the middle of each found stick, along the left camera's axis,
-what all sticks of a distance share taken off (light shifts them alike: see the accuracy tables). Sticks flatter
-than 30 degrees to the baseline are a row of their own.
+what all sticks of a distance share taken off (light shifts them alike: see the accuracy tables). Sticks
+flatter than 30 degrees to the baseline are a row of their own.
 """
 
 from __future__ import annotations
@@ -101,7 +101,15 @@ def sheet(scenes: int, seed: int) -> Sheet:
     return Sheet(
         title="depth: forecast and measured",
         command=f"python -m bench.forecast --scenes {scenes} --seed {seed}",
-        headings=("distance mm", "to the baseline", "sticks", "shared mm", "spread mm", "forecast mm", "ratio"),
+        headings=(
+            "distance mm",
+            "to the baseline",
+            "sticks",
+            "shared mm",
+            "spread mm",
+            "forecast mm",
+            "ratio",
+        ),
         rows=tuple(row(one, flat) for one in measured for flat in (False, True)),
         notes=(
             "Spread: median distance from what all sticks of a distance share, as one standard deviation.",
@@ -111,7 +119,7 @@ def sheet(scenes: int, seed: int) -> Sheet:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="depth: forecast and measured")
     parser.add_argument("--scenes", type=int, default=12)
     parser.add_argument("--seed", type=int)
     arguments = parser.parse_args()

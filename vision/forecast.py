@@ -1,12 +1,12 @@
 """How exact a camera pair will be, from its geometry alone.
 
 A point at depth Z has the disparity d = f B / Z, so a disparity that is off by s_d shifts it in depth by
-s_Z = Z^2 / (f B) s_d; a pixel is Z / f wide there, and a shift in depth moves a point aside that is not on the
-axis (Rodriguez and Aggarwal, "Stochastic analysis of stereo quantization error", PAMI 12, 1990; Gallup et al.,
-"Variable baseline/resolution stereo", CVPR 2008). Of a thin part its middle line is matched, which is seen to
-s_px across itself in each picture: in the direction of the rows that is s_px / sin(a) for a part at an angle a
-to the baseline, and two pictures make s_d = sqrt(2) s_px / sin(a). A part along the baseline (a below
-`LEAST_ANGLE_RAD`) is told by its ends only.
+s_Z = Z^2 / (f B) s_d; a pixel is Z / f wide there, and a shift in depth moves a point aside that is not on
+the axis (Rodriguez and Aggarwal, "Stochastic analysis of stereo quantization error", PAMI 12, 1990; Gallup
+et al., "Variable baseline/resolution stereo", CVPR 2008). Of a thin part its middle line is matched, which is
+seen to s_px across itself in each picture: in the direction of the rows that is s_px / sin(a) for a part at
+an angle a to the baseline, and two pictures make s_d = sqrt(2) s_px / sin(a). A part along the baseline (a
+below `LEAST_ANGLE_RAD`) is told by its ends only.
 
 What a calibration has wrong is not in here: it shifts all parts of a place alike, and a touch test shows it.
 """
@@ -21,7 +21,7 @@ import numpy as np
 
 from vision.types import Floats, read_only
 
-LINE_PX: Final = 0.05
+LINE_PX: Final = 0.03
 """How exactly the middle line of a part is seen across itself, one standard deviation, where its edges are
 sharp and nothing lies over it (measured: `python -m bench.forecast`)."""
 LEAST_ANGLE_RAD: Final = math.radians(15.0)
