@@ -139,7 +139,7 @@ def picture(board: Board, placed: Placed, eye: str, seed: int = 0, noise: float 
     small = grey.reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3))
     blurred = cv2.GaussianBlur(small, (0, 0), 0.5)
     rough = blurred + np.random.default_rng([seed, eye == "left"]).normal(0.0, noise, blurred.shape)
-    return np.clip(np.rint(rough), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(rough), 0, 255), dtype=np.uint8)
 
 
 @lru_cache(maxsize=64)

@@ -84,7 +84,7 @@ def test_blurred_cut_repeated_and_single_pictures_are_refused_by_name(
 ) -> None:
     left, right = pair(CHESSBOARD, 2)
     save(images, "blurred", *(np.asarray(cv2.GaussianBlur(p, (0, 0), 2.0), np.uint8) for p in (left, right)))
-    cut = [np.where(np.arange(360) < 170, 60, p).astype(np.uint8) for p in (left, right)]
+    cut = [np.where(np.arange(360) < 185, 60, p).astype(np.uint8) for p in pair(CHESSBOARD, 0)]
     save(images, "cut", *cut)
     save(images, "twice", *pair(CHESSBOARD, 3))
     cv2.imwrite(str(images / "left_alone.png"), left)
@@ -154,6 +154,19 @@ def test_a_baseline_by_the_ruler_names_a_wrong_pitch(
     assert calibrate(tmp_path, images, board_file(tmp_path, wrong), "--baseline-mm", "74.2") == 78
 
     assert "the pitch of the board is wrong" in capsys.readouterr().err
+    assert not (tmp_path / "rig.json").exists()
+
+
+def test_views_of_two_moments_are_refused_and_the_worst_named(
+    tmp_path: Path, images: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save(images, "04", pair(CHESSBOARD, 4)[0], pair(CHESSBOARD, 9)[1])
+
+    assert calibrate(tmp_path, images, board_file(tmp_path, CHESSBOARD)) == 78
+
+    said = capsys.readouterr().err
+    assert "contradict each other" in said
+    assert "04" in said
     assert not (tmp_path / "rig.json").exists()
 
 
