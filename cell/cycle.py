@@ -206,7 +206,7 @@ def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
         sight.right,
         station.stereo,
         sight.part.model(),
-        station.tuning,
+        sight.part.tuned(station.tuning),
         station.table,
         observe=observe,
         colour_left=sight.colour,

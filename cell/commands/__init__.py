@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import Final, Protocol
 
-from cell.commands import calibrate, forecast
+from cell.commands import calibrate, forecast, product
 
 
 class Commands(Protocol):
@@ -25,4 +25,4 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = (calibrate.add, forecast.add)
+GROUPS: Final[tuple[Group, ...]] = (calibrate.add, forecast.add, product.add)
