@@ -274,7 +274,7 @@ def sheets(shared: Path) -> tuple[Sheet, ...]:
             headings=("by", "pairs", "rms px", "epipolar px", "rows mean / 95 % px", "baseline mm"),
             rows=real(shared),
             notes=("Baseline for a pitch of 25 mm, which nobody measured.",
-                "The sample forces one focal length on two cameras that differ, from a first guess it cannot leave.",),
+                "The sample forces one focal length on two cameras that differ.",),
         ),
     )  # fmt: skip
 
