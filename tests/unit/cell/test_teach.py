@@ -15,6 +15,7 @@ from cell.cli import main
 from cell.commission import teach
 from cell.errors import UsageError
 from tests.reference.sticks import TABLE, Stick, lying, pair, rig
+from vision.locate import locate
 from vision.types import Grey, Tuning
 
 SHARED = Path(__file__).parents[4] / "shared" / "data" / "scenes-dev"
@@ -55,7 +56,7 @@ def test_with_the_correction_the_published_method_measures_the_true_length() -> 
     look = shown([lying(0.01, 0.0, 120.0)])
     tuning = taught.part.tuned(Tuning(method="published"))
 
-    scene = teach.locate(look.left, look.right, look.known.stereo, taught.part.model(), tuning, TABLE)
+    scene = locate(look.left, look.right, look.known.stereo, taught.part.model(), tuning, TABLE)
 
     assert tuning.band == taught.part.band
     offered = scene.candidates[0]
