@@ -183,7 +183,7 @@ def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
         sight.right,
         station.stereo,
         sight.part.model(),
-        station.tuning,
+        sight.part.tuned(station.tuning),
         station.table,
         observe=observe,
         colour_left=sight.colour,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Final, Self
 
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from drivers.settings import Settings
-from vision.types import ColourRange, PartModel
+from vision.types import ColourRange, PartModel, Tuning
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Grey = Annotated[int, Field(ge=0, le=255)]
 
 TOLD_BY_WIDTH: Final = 1.4
 """Of two parts, one this many times as thick as the other is refused as the other by its width."""
@@ -81,12 +83,24 @@ class PartConfig(Settings):
         default=None, description="where parts of one size differ in colour; needs a left camera in colour"
     )
 
+    band: tuple[Grey, Grey] | None = Field(
+        default=None, description="published method: grey values that count as this part (`product teach`)"
+    )
+    thinning_end_m: float = Field(
+        default=0.0,
+        description="published method: what thinning takes from each end, or adds (`product teach`)",
+    )
+
     @model_validator(mode="after")
     def _plausible(self) -> Self:
         if self.length_m > 2.0:
             raise ValueError(f"length_m {self.length_m} is over 2 m: lengths are in metres, not millimetres")
         if self.diameter_m >= self.length_m:
             raise ValueError(f"diameter_m {self.diameter_m} is not below length_m {self.length_m}")
+        if abs(self.thinning_end_m) >= self.length_m / 4:
+            raise ValueError(f"thinning_end_m {self.thinning_end_m}: over a quarter of length_m")
+        if self.band is not None and self.band[0] >= self.band[1]:
+            raise ValueError(f"band is empty: min {self.band[0]} is not below max {self.band[1]}")
         if self.length_tolerance_m >= self.length_m / 2:
             raise ValueError(f"length_tolerance_m {self.length_tolerance_m} is over half of length_m")
         return self
@@ -109,4 +123,11 @@ class PartConfig(Settings):
             length_tolerance_m=self.length_tolerance_m,
             diameter_m=self.diameter_m,
             colour=None if self.colour is None else self.colour.range(),
+            thinning_end_m=self.thinning_end_m,
         )
+
+    def tuned(self, tuning: Tuning) -> Tuning:
+        """The gates for a look at this product: its own band where the published method has none."""
+        if tuning.method == "published" and tuning.band is None:
+            return replace(tuning, band=self.band)
+        return tuning

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import Final, Protocol
 
-from cell.commands import camera, plc, standing
+from cell.commands import ArgumentParser, calibrate, camera, forecast, plc, product, standing
 
 
 class Commands(Protocol):
@@ -25,4 +25,4 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = (camera.add, plc.add, standing.add)
+GROUPS: Final[tuple[Group, ...]] = (ArgumentParser.add, calibrate.add, camera.add, forecast.add, plc.add, product.add, standing.add)

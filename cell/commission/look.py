@@ -151,7 +151,7 @@ def look(sight: Sight, out: Path, console: Console) -> int:
         _grey(sight.right),
         sight.known.stereo,
         sight.part.model(),
-        sight.tuning,
+        sight.part.tuned(sight.tuning),
         sight.table,
         observe=times,
         colour_left=in_colour(sight.left) if any(part.colour is not None for part in sight.parts) else None,
