@@ -1,0 +1,349 @@
+"""Hand-eye by least squares on what is measured: corners in both pictures, and the arm's own poses.
+
+The unknowns are the camera's mounting and the board's place (6 numbers each); each pose of the arm may besides
+be off by what an arm does not repeat, at a price (`Noise`): without that, an error of the arm of a tenth of a
+millimetre is taken for one of forty corners at once. Rotations are small turns about the start, so nothing is
+singular. Robust first (Cauchy's loss), then plain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from vision import transforms
+from vision.handeye import HandEye, Mount, Sighting, camera_from_board, mount_from_held
+from vision.types import CameraModel, Floats, StereoModel, Transform, read_only
+
+STEP: Final = 1e-6
+"""Of the differences that make the Jacobian, in m and rad: rounding and curvature are both below 1e-6 px."""
+LEAST_CORNERS: Final = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """What corners and arm are good for, standard deviations. Defaults: sub-pixel corners of a printed board;
+    an arm that repeats within 0.1 mm (makers state 0.03 to 0.1 mm for arms of this size)."""
+
+    corner_px: float = 0.12
+    arm_m: float = 6e-5
+    arm_rad: float = 8e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hand-eye with what is left.
+
+    ``pose_px`` (N,) root mean square of each pose's corners, px, with the arm taken at its word; ``rms_px`` of
+    all; ``covariance`` (6, 6) of a turn (rad) and a shift (m) of the camera in its own frame;
+    ``board_scale`` how much larger the board is than told, ``rig_scale`` how much longer the baseline, and
+    their deviations, where these were fitted (1 and NaN where not).
+    """
+
+    found: HandEye
+    pose_px: Floats
+    rms_px: float
+    covariance: Floats
+    board_scale: float = 1.0
+    rig_scale: float = 1.0
+    board_scale_sigma: float = float("nan")
+    rig_scale_sigma: float = float("nan")
+
+
+class _Problem:
+    """All corners of all poses in one array, and the residuals of a step from a start."""
+
+    def __init__(
+        self, sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, noise: Noise, scales: int
+    ) -> None:
+        self.stereo, self.mount, self.noise, self.scales = stereo, mount, noise, scales
+        self.poses = len(sightings)
+        held = [mount_from_held(s, mount) for s in sightings]
+        self.rotation = np.stack([h.rotation for h in held])
+        self.shift = np.stack([h.translation for h in held])
+        self.points, self.pixels, self.pose = [], [], []
+        for eye in (0, 1):
+            boards = [(s.board_left_m, s.board_right_m)[eye] for s in sightings]
+            pixels = [(s.left_px, s.right_px)[eye] for s in sightings]
+            self.points.append(np.concatenate([np.zeros((0, 3)), *boards]))
+            self.pixels.append(np.concatenate([np.zeros((0, 2)), *pixels]))
+            self.pose.append(np.repeat(np.arange(self.poses), [len(p) for p in pixels]))
+        self.corners = sum(len(p) for p in self.pixels)
+        self.arm_free = noise.arm_m > 0
+        self.size = 12 + scales + (6 * self.poses if self.arm_free else 0)
+
+    def seen(self, start: HandEye, step: Floats) -> list[Floats]:
+        """Pixels (N, 2) in each eye."""
+        camera = _moved(start.mount_from_camera, step[:6])
+        board = _moved(start.held_from_board, step[6:12])
+        scale = step[12] if self.scales else 0.0
+        rig = step[13] if self.scales > 1 else 0.0
+        arm = step[12 + self.scales :].reshape(-1, 6) if self.arm_free else None
+        rotation, shift = self.rotation, self.shift
+        if arm is not None:
+            turns = _rotations(arm[:, :3])
+            if self.mount == "fixed":
+                shift = shift + np.einsum("nij,nj->ni", rotation, arm[:, 3:])
+                rotation = rotation @ turns
+            else:
+                rotation, shift = turns @ rotation, np.einsum("nij,nj->ni", turns, shift) + arm[:, 3:]
+        pixels = []
+        for eye, model in enumerate((self.stereo.left, self.stereo.right)):
+            if not len(self.points[eye]):
+                pixels.append(np.zeros((0, 2)))
+                continue
+            held = (1.0 + scale) * self.points[eye] @ board.rotation.T + board.translation
+            which = self.pose[eye]
+            mounted = np.einsum("nij,nj->ni", rotation[which], held) + shift[which]
+            points = (mounted - camera.translation) @ camera.rotation
+            if eye == 1:
+                motion = self.stereo.right_from_left
+                points = points @ motion.rotation.T + (1.0 + rig) * motion.translation
+            pixels.append(project_any(points, model))
+        return pixels
+
+    def residuals(self, start: HandEye, step: Floats) -> Floats:
+        """Corners in units of their deviation, then what the arm is asked to be off, likewise."""
+        apart = [
+            (seen - told).ravel() / self.noise.corner_px
+            for seen, told in zip(self.seen(start, step), self.pixels, strict=True)
+        ]
+        if self.arm_free:
+            arm = step[12 + self.scales :].reshape(-1, 6)
+            apart += [(arm[:, :3] / self.noise.arm_rad).ravel(), (arm[:, 3:] / self.noise.arm_m).ravel()]
+        return np.concatenate(apart)
+
+    def jacobian(self, start: HandEye, step: Floats) -> Floats:
+        """By differences; the poses are independent, so one look moves all of them at once."""
+        rows = 2 * self.corners
+        matrix = np.zeros((rows + (6 * self.poses if self.arm_free else 0), self.size))
+        shared = 12 + self.scales
+        for k in range(shared + (6 if self.arm_free else 0)):
+            moved = [step.copy(), step.copy()]
+            columns = [k] if k < shared else list(range(k, self.size, 6))
+            for sign, each in zip((1.0, -1.0), moved, strict=True):
+                each[columns] += sign * STEP
+            ahead, behind = (self.seen(start, each) for each in moved)
+            slope = np.concatenate([(a - b).ravel() for a, b in zip(ahead, behind, strict=True)])
+            slope /= 2.0 * STEP * self.noise.corner_px
+            if k < shared:
+                matrix[:rows, k] = slope
+            else:
+                pose = np.repeat(np.concatenate(self.pose), 2)
+                matrix[np.arange(rows), shared + 6 * pose + (k - shared)] = slope
+        if self.arm_free:
+            for n in range(self.poses):
+                for i in range(3):
+                    matrix[rows + 3 * n + i, shared + 6 * n + i] = 1.0 / self.noise.arm_rad
+                    row = rows + 3 * self.poses + 3 * n + i
+                    matrix[row, shared + 6 * n + 3 + i] = 1.0 / self.noise.arm_m
+        return matrix
+
+
+def fit(
+    sightings: Sequence[Sighting],
+    stereo: StereoModel,
+    mount: Mount,
+    start: HandEye,
+    noise: Noise,
+    *,
+    robust: bool = True,
+    scales: int = 0,
+) -> Fit:
+    """The hand-eye that explains all corners best, from a start that is about right.
+
+    ``scales`` 1 fits the board's size as well, 2 also the baseline's.
+    """
+    problem = _Problem(sightings, stereo, mount, noise, scales)
+    begin = start
+    for loss in ("cauchy", "linear") if robust else ("linear",):
+        solved = least_squares(
+            lambda step, begin=begin: problem.residuals(begin, step),
+            np.zeros(problem.size),
+            jac=lambda step, begin=begin: problem.jacobian(begin, step),
+            loss=loss,
+            f_scale=3.0,
+            x_scale="jac",
+            method="trf",
+            max_nfev=40,
+        )
+        step = np.asarray(solved.x, dtype=np.float64)
+        if loss == "cauchy":
+            begin = HandEye(
+                mount_from_camera=_moved(begin.mount_from_camera, step[:6]),
+                held_from_board=_moved(begin.held_from_board, step[6:12]),
+            )
+    found = HandEye(
+        mount_from_camera=_moved(begin.mount_from_camera, step[:6]),
+        held_from_board=_moved(begin.held_from_board, step[6:12]),
+    )
+    jacobian = np.asarray(solved.jac, dtype=np.float64)
+    freedom = max(1, 2 * problem.corners - 12 - scales)
+    inflate = max(1.0, float(2.0 * solved.cost) / freedom)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * inflate
+    board = float(step[12]) if scales else 0.0
+    rig = float(step[13]) if scales > 1 else 0.0
+    pose_px = _pose_px(problem, found, board, rig)
+    counts = np.array([s.corners for s in sightings])
+    return Fit(
+        found=found,
+        pose_px=read_only(pose_px),
+        rms_px=float(np.sqrt(np.sum(pose_px**2 * counts) / max(1, counts.sum()))),
+        covariance=read_only(covariance[:6, :6].copy()),
+        board_scale=1.0 + board,
+        rig_scale=1.0 + rig,
+        board_scale_sigma=float(np.sqrt(covariance[12, 12])) if scales else float("nan"),
+        rig_scale_sigma=float(np.sqrt(covariance[13, 13])) if scales > 1 else float("nan"),
+    )
+
+
+def pose_residuals_px(
+    sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, found: HandEye
+) -> Floats:
+    """(N,) root mean square of each pose's corners, px, with the arm taken at its word."""
+    problem = _Problem(sightings, stereo, mount, Noise(arm_m=0.0), 0)
+    return _pose_px(problem, found, 0.0, 0.0)
+
+
+def _pose_px(problem: _Problem, found: HandEye, board: float, rig: float) -> Floats:
+    step = np.zeros(problem.size)
+    if problem.scales:
+        step[12] = board
+    if problem.scales > 1:
+        step[13] = rig
+    square, count = np.zeros(problem.poses), np.zeros(problem.poses)
+    for seen, told, pose in zip(problem.seen(found, step), problem.pixels, problem.pose, strict=True):
+        np.add.at(square, pose, np.sum((seen - told) ** 2, axis=1))
+        np.add.at(count, pose, 1.0)
+    return np.asarray(np.sqrt(square / np.maximum(count, 1.0)), dtype=np.float64)
+
+
+# ------------------------------------------------------------------------------ one look
+
+
+def board_pose(sighting: Sighting, stereo: StereoModel) -> Transform | None:
+    """``camera_from_board`` of one look from both its pictures; None with too few corners.
+
+    A flat board has two poses that look nearly alike from one side (Schweighofer and Pinz 2006); both are
+    refined on the corners of both cameras, and the better one counts.
+    """
+    best: tuple[float, Transform] | None = None
+    for start in _board_starts(sighting, stereo):
+        for _ in range(2):
+            problem = _Problem((_alone(sighting),), stereo, "fixed", Noise(arm_m=0.0), 0)
+            still = HandEye(mount_from_camera=transforms.identity(), held_from_board=start)
+            solved = least_squares(
+                lambda step, problem=problem, still=still: problem.residuals(still, _board_only(step)),
+                np.zeros(6),
+                method="lm",
+                x_scale=1e-3,
+            )
+            start = _moved(start, np.asarray(solved.x))
+        cost = float(solved.cost)
+        if start.translation[2] > 0 and (best is None or cost < best[0]):
+            best = (cost, start)
+    return None if best is None else best[1]
+
+
+def _alone(sighting: Sighting) -> Sighting:
+    return Sighting(
+        name=sighting.name,
+        base_from_tool=transforms.identity(),
+        board_left_m=sighting.board_left_m,
+        left_px=sighting.left_px,
+        board_right_m=sighting.board_right_m,
+        right_px=sighting.right_px,
+    )
+
+
+def _board_only(step: Floats) -> Floats:
+    return np.concatenate([np.zeros(6), step])
+
+
+def _board_starts(sighting: Sighting, stereo: StereoModel) -> list[Transform]:
+    if len(sighting.left_px) >= LEAST_CORNERS:
+        points, pixels, model, motion = sighting.board_left_m, sighting.left_px, stereo.left, None
+    elif len(sighting.right_px) >= LEAST_CORNERS:
+        points, pixels, model = sighting.board_right_m, sighting.right_px, stereo.right
+        motion = transforms.invert(stereo.right_from_left)
+    else:
+        return []
+    try:
+        _, turns, shifts, _ = cv2.solvePnPGeneric(
+            points.reshape(-1, 1, 3),
+            pixels.reshape(-1, 1, 2),
+            model.matrix,
+            model.distortion,
+            flags=cv2.SOLVEPNP_IPPE,
+        )
+    except cv2.error:
+        return []
+    starts = []
+    for turn, shift in zip(turns, shifts, strict=True):
+        if not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+            continue
+        pose = transforms.make(np.asarray(turn).reshape(3), np.asarray(shift).reshape(3))
+        starts.append(pose if motion is None else transforms.compose(motion, pose))
+    return starts
+
+
+def predicted_px(
+    sighting: Sighting, stereo: StereoModel, mount: Mount, found: HandEye
+) -> tuple[Floats, Floats]:
+    """Where the corners of one look should be: (N, 2) left, (M, 2) right."""
+    pose = camera_from_board(found, mount_from_held(sighting, mount))
+    left = project_any(transforms.apply(pose, sighting.board_left_m), stereo.left)
+    points = transforms.apply(transforms.compose(stereo.right_from_left, pose), sighting.board_right_m)
+    return left, project_any(points, stereo.right)
+
+
+# ------------------------------------------------------------------------------ small things
+
+
+def project_any(points_m: Floats, camera: CameraModel) -> Floats:
+    """(N, 3) m in a camera's frame to raw pixels (N, 2); a point at or behind the camera lands far outside, so
+    that a fit that has gone astray finds its way back."""
+    if not len(points_m):
+        return np.zeros((0, 2))
+    points = points_m.copy()
+    points[:, 2] = np.maximum(points[:, 2], 1e-3)
+    still = np.zeros((3, 1))
+    pixels, _ = cv2.projectPoints(points.reshape(-1, 1, 3), still, still, camera.matrix, camera.distortion)
+    bent = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    # the polynomial of the distortion is meaningless far outside the picture
+    slopes = points[:, :2] / points[:, 2:]
+    straight = slopes * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2]
+    far = np.hypot(slopes[:, 0], slopes[:, 1]) > 1.5 * _widest_slope(camera)
+    bent[far] = straight[far]
+    return bent
+
+
+def _widest_slope(camera: CameraModel) -> float:
+    return float(
+        np.hypot(camera.width_px / camera.matrix[0, 0], camera.height_px / camera.matrix[1, 1]) * 0.75
+    )
+
+
+def _moved(pose: Transform, step: Floats) -> Transform:
+    """A transform turned and shifted in its own frame by (6,) rad, m."""
+    rotation = pose.rotation @ transforms.matrix_from_vector(step[:3])
+    return transforms.make(
+        transforms.nearest_rotation(rotation), pose.translation + pose.rotation @ step[3:6]
+    )
+
+
+def _rotations(vectors: Floats) -> Floats:
+    """(N, 3) small rotation vectors to (N, 3, 3) matrices (Rodrigues' formula)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    safe = np.maximum(angle, 1e-12)
+    cross = np.zeros((len(vectors), 3, 3))
+    x, y, z = (vectors / safe[:, None]).T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    sine, rest = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + rest * (cross @ cross), dtype=np.float64)
