@@ -39,6 +39,7 @@ WRONG_POSE_TIMES, WRONG_POSE_PX = 4.0, 0.6
 """A pose that leaves this many times the median of the others and this much is wrong."""
 SCALE_LEAST, SCALE_SIGMAS = 0.003, 5.0
 """Three in a thousand: below that a board is printed as well as a rule reads it."""
+PAIRS_TRIED: Final = 7
 PAIR_PX: Final = 1.5
 """Left and right picture of one board agree within this unless cameras, calibration or pairs are mixed up."""
 
@@ -196,7 +197,8 @@ def calibrate(
     first = fit(looked, stereo, mount, start, noise)
     agreed, wrong = _agreeing(looked, stereo, mount, first, noise)
     result = first if not wrong else fit([looked[k] for k in agreed], stereo, mount, start, noise)
-    scaled = fit([looked[k] for k in agreed], stereo, mount, result.found, noise, robust=False, scales=2)
+    scales = 2 if any(len(s.right_px) for s in looked) else 1
+    scaled = fit([looked[k] for k in agreed], stereo, mount, result.found, noise, robust=False, scales=scales)
     findings += _misunderstood(looked, poses, stereo, mount, result, scaled, len(agreed))
     if not any(f.trouble in _UNFIT for f in findings):
         findings += [
@@ -209,7 +211,7 @@ def calibrate(
             )
             for k, px, limit in wrong
         ]
-        findings += _scales(scaled, has_right=any(len(s.right_px) for s in looked))
+        findings += _scales(scaled)
     pose_px = np.full(count, np.nan)
     pose_px[seen] = pose_residuals_px(looked, stereo, mount, result.found)
     held_out, area = _left_out(looked, poses, agreed, stereo, mount, result, noise, area_m)
@@ -234,6 +236,7 @@ def calibrate(
     )
 
 
+_STILL: Final = Noise(arm_m=0.0, arm_rad=0.0)
 _UNFIT: Final = frozenset({Trouble.NO_FIT, Trouble.INVERTED, Trouble.OTHER_MOUNT})
 
 
@@ -323,7 +326,6 @@ def _misunderstood(
     if scaled.rms_px <= 0.5 * WRONG_RMS_PX:  # only the sizes are wrong
         return []
     turned = [replace(s, base_from_tool=transforms.invert(s.base_from_tool)) for s in sightings]
-    other: Mount = "tool" if mount == "fixed" else "fixed"
     # the other mounting is the inverted poses, so the two cannot be told apart by numbers: both are named
     start = _start(turned, boards, stereo, mount)
     if start is not None:
@@ -333,19 +335,20 @@ def _misunderstood(
                 Finding(trouble=Trouble.OTHER_MOUNT, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
                 Finding(trouble=Trouble.INVERTED, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
             ]
-    del other
     return [_no_fit(result.rms_px)]
 
 
-def _scales(scaled: Fit, *, has_right: bool) -> list[Finding]:
+def _scales(scaled: Fit) -> list[Finding]:
     """Sizes that the arm contradicts."""
     found = []
-    for trouble, scale, sigma, told in (
-        (Trouble.WRONG_PITCH, scaled.board_scale, scaled.board_scale_sigma, True),
-        (Trouble.WRONG_RIG, scaled.rig_scale, scaled.rig_scale_sigma, has_right),
+    for trouble, scale, sigma in (
+        (Trouble.WRONG_PITCH, scaled.board_scale, scaled.board_scale_sigma),
+        (Trouble.WRONG_RIG, scaled.rig_scale, scaled.rig_scale_sigma),
     ):
+        if not np.isfinite(sigma):
+            continue
         limit = max(SCALE_LEAST, SCALE_SIGMAS * sigma)
-        if told and abs(scale - 1.0) > limit:
+        if abs(scale - 1.0) > limit:
             found.append(Finding(trouble=trouble, value=scale, limit=limit, unit="1"))
     return found
 
@@ -363,6 +366,7 @@ def _mirrored(boards: Sequence[Transform]) -> Finding | None:
 def _pairs(sightings: Sequence[Sighting], stereo: StereoModel) -> Finding | None:
     """Whether the two pictures of each pose show one board as this pair of cameras would."""
     both = [s for s in sightings if len(s.left_px) >= 6 and len(s.right_px) >= 6]
+    both = both[:: max(1, len(both) // PAIRS_TRIED)]
     if not both:
         return None
     told = float(np.median([_pair_px(s, stereo) for s in both]))
@@ -381,7 +385,7 @@ def _pair_px(sighting: Sighting, stereo: StereoModel) -> float:
         return float("inf")
     still = HandEye(mount_from_camera=transforms.identity(), held_from_board=pose)
     alone = replace(sighting, base_from_tool=transforms.identity())
-    free = fit([alone], stereo, "fixed", still, Noise(arm_m=0.0), robust=False, scales=1)
+    free = fit([alone], stereo, "fixed", still, _STILL, robust=False, scales=1)
     return float(free.pose_px[0])
 
 

@@ -1,9 +1,10 @@
 """Hand-eye by least squares on what is measured: corners in both pictures, and the arm's own poses.
 
-The unknowns are the camera's mounting and the board's place (6 numbers each); each pose of the arm may besides
-be off by what an arm does not repeat, at a price (`Noise`): without that, an error of the arm of a tenth of a
-millimetre is taken for one of forty corners at once. Rotations are small turns about the start, so nothing is
-singular. Robust first (Cauchy's loss), then plain.
+The unknowns are the camera's mounting and the board's place (6 numbers each). What an arm does not repeat moves
+all corners of a pose together, so they are weighed by their common covariance (generalised least squares):
+without that, a tenth of a millimetre of the arm is taken for an error of forty corners at once. Rotations are
+small turns about the start, so nothing is singular. Robust first (Cauchy's loss, corners by themselves), then
+plain with the weights.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vision import transforms
-from vision.handeye import HandEye, Mount, Sighting, camera_from_board, mount_from_held
-from vision.types import CameraModel, Floats, StereoModel, Transform, read_only
+from vision.handeye import HandEye, Mount, Sighting, mount_from_held
+from vision.types import CameraModel, Floats, Ints, StereoModel, Transform, read_only
 
 STEP: Final = 1e-6
 """Of the differences that make the Jacobian, in m and rad: rounding and curvature are both below 1e-6 px."""
@@ -58,10 +59,8 @@ class Fit:
 class _Problem:
     """All corners of all poses in one array, and the residuals of a step from a start."""
 
-    def __init__(
-        self, sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, noise: Noise, scales: int
-    ) -> None:
-        self.stereo, self.mount, self.noise, self.scales = stereo, mount, noise, scales
+    def __init__(self, sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, scales: int) -> None:
+        self.stereo, self.mount, self.scales = stereo, mount, scales
         self.poses = len(sightings)
         held = [mount_from_held(s, mount) for s in sightings]
         self.rotation = np.stack([h.rotation for h in held])
@@ -74,24 +73,22 @@ class _Problem:
             self.pixels.append(np.concatenate([np.zeros((0, 2)), *pixels]))
             self.pose.append(np.repeat(np.arange(self.poses), [len(p) for p in pixels]))
         self.corners = sum(len(p) for p in self.pixels)
-        self.arm_free = noise.arm_m > 0
-        self.size = 12 + scales + (6 * self.poses if self.arm_free else 0)
+        self.size = 12 + scales
 
-    def seen(self, start: HandEye, step: Floats) -> list[Floats]:
-        """Pixels (N, 2) in each eye."""
+    def seen(self, start: HandEye, step: Floats, arm: Floats | None = None) -> list[Floats]:
+        """Pixels (N, 2) in each eye. ``step`` (12 + scales,): turn and shift of the camera, of the board, then
+        what board and baseline are longer; ``arm`` (6,): turn and shift of every tool pose in its own frame."""
         camera = _moved(start.mount_from_camera, step[:6])
         board = _moved(start.held_from_board, step[6:12])
         scale = step[12] if self.scales else 0.0
         rig = step[13] if self.scales > 1 else 0.0
-        arm = step[12 + self.scales :].reshape(-1, 6) if self.arm_free else None
         rotation, shift = self.rotation, self.shift
         if arm is not None:
-            turns = _rotations(arm[:, :3])
+            turn = transforms.matrix_from_vector(arm[:3])
             if self.mount == "fixed":
-                shift = shift + np.einsum("nij,nj->ni", rotation, arm[:, 3:])
-                rotation = rotation @ turns
+                rotation, shift = rotation @ turn, shift + rotation @ arm[3:]
             else:
-                rotation, shift = turns @ rotation, np.einsum("nij,nj->ni", turns, shift) + arm[:, 3:]
+                rotation, shift = turn @ rotation, shift @ turn.T + arm[3:]
         pixels = []
         for eye, model in enumerate((self.stereo.left, self.stereo.right)):
             if not len(self.points[eye]):
@@ -107,42 +104,32 @@ class _Problem:
             pixels.append(project_any(points, model))
         return pixels
 
-    def residuals(self, start: HandEye, step: Floats) -> Floats:
-        """Corners in units of their deviation, then what the arm is asked to be off, likewise."""
-        apart = [
-            (seen - told).ravel() / self.noise.corner_px
-            for seen, told in zip(self.seen(start, step), self.pixels, strict=True)
-        ]
-        if self.arm_free:
-            arm = step[12 + self.scales :].reshape(-1, 6)
-            apart += [(arm[:, :3] / self.noise.arm_rad).ravel(), (arm[:, 3:] / self.noise.arm_m).ravel()]
-        return np.concatenate(apart)
+    def apart(self, start: HandEye, step: Floats) -> Floats:
+        """(2 corners,) px, seen where the fit has them minus found."""
+        seen = self.seen(start, step)
+        return np.concatenate([(a - b).ravel() for a, b in zip(seen, self.pixels, strict=True)])
 
-    def jacobian(self, start: HandEye, step: Floats) -> Floats:
-        """By differences; the poses are independent, so one look moves all of them at once."""
-        rows = 2 * self.corners
-        matrix = np.zeros((rows + (6 * self.poses if self.arm_free else 0), self.size))
-        shared = 12 + self.scales
-        for k in range(shared + (6 if self.arm_free else 0)):
-            moved = [step.copy(), step.copy()]
-            columns = [k] if k < shared else list(range(k, self.size, 6))
-            for sign, each in zip((1.0, -1.0), moved, strict=True):
-                each[columns] += sign * STEP
-            ahead, behind = (self.seen(start, each) for each in moved)
-            slope = np.concatenate([(a - b).ravel() for a, b in zip(ahead, behind, strict=True)])
-            slope /= 2.0 * STEP * self.noise.corner_px
-            if k < shared:
-                matrix[:rows, k] = slope
-            else:
-                pose = np.repeat(np.concatenate(self.pose), 2)
-                matrix[np.arange(rows), shared + 6 * pose + (k - shared)] = slope
-        if self.arm_free:
-            for n in range(self.poses):
-                for i in range(3):
-                    matrix[rows + 3 * n + i, shared + 6 * n + i] = 1.0 / self.noise.arm_rad
-                    row = rows + 3 * self.poses + 3 * n + i
-                    matrix[row, shared + 6 * n + 3 + i] = 1.0 / self.noise.arm_m
-        return matrix
+    def arm_slopes(self, start: HandEye) -> Floats:
+        """(2 corners, 6) px per rad and m of each corner's own tool pose."""
+        columns = []
+        for k in range(6):
+            ahead, behind = (
+                np.concatenate([p.ravel() for p in self.seen(start, np.zeros(self.size), sign * _unit(k))])
+                for sign in (STEP, -STEP)
+            )
+            columns.append((ahead - behind) / (2.0 * STEP))
+        return np.stack(columns, axis=1)
+
+    def weights(self, start: HandEye, noise: Noise) -> list[tuple[Ints, Floats]]:
+        """For each pose its rows and the (n, n) matrix that makes them independent and of unit deviation."""
+        pose = np.repeat(np.concatenate(self.pose), 2)
+        slopes = self.arm_slopes(start) * np.array([noise.arm_rad] * 3 + [noise.arm_m] * 3)
+        weights = []
+        for n in range(self.poses):
+            rows = np.flatnonzero(pose == n)
+            spread = slopes[rows] @ slopes[rows].T + noise.corner_px**2 * np.eye(len(rows))
+            weights.append((rows, np.linalg.inv(np.linalg.cholesky(spread))))
+        return weights
 
 
 def fit(
@@ -159,63 +146,67 @@ def fit(
 
     ``scales`` 1 fits the board's size as well, 2 also the baseline's.
     """
-    problem = _Problem(sightings, stereo, mount, noise, scales)
+    problem = _Problem(sightings, stereo, mount, scales)
     begin = start
-    for loss in ("cauchy", "linear") if robust else ("linear",):
+    if robust:
         solved = least_squares(
-            lambda step, begin=begin: problem.residuals(begin, step),
+            lambda step: problem.apart(start, step) / noise.corner_px,
             np.zeros(problem.size),
-            jac=lambda step, begin=begin: problem.jacobian(begin, step),
-            loss=loss,
+            loss="cauchy",
             f_scale=3.0,
             x_scale="jac",
-            method="trf",
-            max_nfev=40,
+            max_nfev=60,
         )
-        step = np.asarray(solved.x, dtype=np.float64)
-        if loss == "cauchy":
-            begin = HandEye(
-                mount_from_camera=_moved(begin.mount_from_camera, step[:6]),
-                held_from_board=_moved(begin.held_from_board, step[6:12]),
-            )
-    found = HandEye(
-        mount_from_camera=_moved(begin.mount_from_camera, step[:6]),
-        held_from_board=_moved(begin.held_from_board, step[6:12]),
-    )
+        begin = _stepped(start, np.asarray(solved.x, dtype=np.float64))
+    weights = problem.weights(begin, noise)
+
+    def weighed(step: Floats) -> Floats:
+        apart = problem.apart(begin, step)
+        return np.concatenate([weight @ apart[rows] for rows, weight in weights])
+
+    solved = least_squares(weighed, np.zeros(problem.size), x_scale="jac", max_nfev=30)
+    step = np.asarray(solved.x, dtype=np.float64)
+    found = _stepped(begin, step)
     jacobian = np.asarray(solved.jac, dtype=np.float64)
-    freedom = max(1, 2 * problem.corners - 12 - scales)
+    freedom = max(1, 2 * problem.corners - problem.size)
     inflate = max(1.0, float(2.0 * solved.cost) / freedom)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * inflate
-    board = float(step[12]) if scales else 0.0
-    rig = float(step[13]) if scales > 1 else 0.0
-    pose_px = _pose_px(problem, found, board, rig)
+    sizes = step[12:]
+    sigmas = np.sqrt(np.maximum(np.diag(covariance)[12:], 0.0))
+    pose_px = _pose_px(problem, found, sizes)
     counts = np.array([s.corners for s in sightings])
     return Fit(
         found=found,
         pose_px=read_only(pose_px),
         rms_px=float(np.sqrt(np.sum(pose_px**2 * counts) / max(1, counts.sum()))),
         covariance=read_only(covariance[:6, :6].copy()),
-        board_scale=1.0 + board,
-        rig_scale=1.0 + rig,
-        board_scale_sigma=float(np.sqrt(covariance[12, 12])) if scales else float("nan"),
-        rig_scale_sigma=float(np.sqrt(covariance[13, 13])) if scales > 1 else float("nan"),
+        board_scale=1.0 + float(sizes[0]) if scales else 1.0,
+        rig_scale=1.0 + float(sizes[1]) if scales > 1 else 1.0,
+        board_scale_sigma=float(sigmas[0]) if scales else float("nan"),
+        rig_scale_sigma=float(sigmas[1]) if scales > 1 else float("nan"),
     )
+
+
+def _stepped(start: HandEye, step: Floats) -> HandEye:
+    return HandEye(
+        mount_from_camera=_moved(start.mount_from_camera, step[:6]),
+        held_from_board=_moved(start.held_from_board, step[6:12]),
+    )
+
+
+def _unit(k: int) -> Floats:
+    return np.asarray(np.arange(6) == k, dtype=np.float64)
 
 
 def pose_residuals_px(
     sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, found: HandEye
 ) -> Floats:
     """(N,) root mean square of each pose's corners, px, with the arm taken at its word."""
-    problem = _Problem(sightings, stereo, mount, Noise(arm_m=0.0), 0)
-    return _pose_px(problem, found, 0.0, 0.0)
+    return _pose_px(_Problem(sightings, stereo, mount, 0), found, np.zeros(0))
 
 
-def _pose_px(problem: _Problem, found: HandEye, board: float, rig: float) -> Floats:
-    step = np.zeros(problem.size)
-    if problem.scales:
-        step[12] = board
-    if problem.scales > 1:
-        step[13] = rig
+def _pose_px(problem: _Problem, found: HandEye, sizes: Floats) -> Floats:
+    step = np.concatenate([np.zeros(12), sizes])
     square, count = np.zeros(problem.poses), np.zeros(problem.poses)
     for seen, told, pose in zip(problem.seen(found, step), problem.pixels, problem.pose, strict=True):
         np.add.at(square, pose, np.sum((seen - told) ** 2, axis=1))
@@ -233,20 +224,20 @@ def board_pose(sighting: Sighting, stereo: StereoModel) -> Transform | None:
     refined on the corners of both cameras, and the better one counts.
     """
     best: tuple[float, Transform] | None = None
+    problem = _Problem((_alone(sighting),), stereo, "fixed", 0)
     for start in _board_starts(sighting, stereo):
-        for _ in range(2):
-            problem = _Problem((_alone(sighting),), stereo, "fixed", Noise(arm_m=0.0), 0)
-            still = HandEye(mount_from_camera=transforms.identity(), held_from_board=start)
-            solved = least_squares(
-                lambda step, problem=problem, still=still: problem.residuals(still, _board_only(step)),
-                np.zeros(6),
-                method="lm",
-                x_scale=1e-3,
-            )
-            start = _moved(start, np.asarray(solved.x))
-        cost = float(solved.cost)
-        if start.translation[2] > 0 and (best is None or cost < best[0]):
-            best = (cost, start)
+        still = HandEye(mount_from_camera=transforms.identity(), held_from_board=start)
+        solved = least_squares(
+            lambda step, still=still: problem.apart(still, _board_only(step)),
+            np.zeros(6),
+            method="lm",
+            ftol=1e-10,
+            xtol=1e-10,
+            max_nfev=100,
+        )
+        pose = _moved(start, np.asarray(solved.x))
+        if pose.translation[2] > 0 and (best is None or solved.cost < best[0]):
+            best = (float(solved.cost), pose)
     return None if best is None else best[1]
 
 
@@ -292,16 +283,6 @@ def _board_starts(sighting: Sighting, stereo: StereoModel) -> list[Transform]:
     return starts
 
 
-def predicted_px(
-    sighting: Sighting, stereo: StereoModel, mount: Mount, found: HandEye
-) -> tuple[Floats, Floats]:
-    """Where the corners of one look should be: (N, 2) left, (M, 2) right."""
-    pose = camera_from_board(found, mount_from_held(sighting, mount))
-    left = project_any(transforms.apply(pose, sighting.board_left_m), stereo.left)
-    points = transforms.apply(transforms.compose(stereo.right_from_left, pose), sighting.board_right_m)
-    return left, project_any(points, stereo.right)
-
-
 # ------------------------------------------------------------------------------ small things
 
 
@@ -335,15 +316,3 @@ def _moved(pose: Transform, step: Floats) -> Transform:
     return transforms.make(
         transforms.nearest_rotation(rotation), pose.translation + pose.rotation @ step[3:6]
     )
-
-
-def _rotations(vectors: Floats) -> Floats:
-    """(N, 3) small rotation vectors to (N, 3, 3) matrices (Rodrigues' formula)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    safe = np.maximum(angle, 1e-12)
-    cross = np.zeros((len(vectors), 3, 3))
-    x, y, z = (vectors / safe[:, None]).T
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    sine, rest = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + rest * (cross @ cross), dtype=np.float64)
