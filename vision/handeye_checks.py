@@ -128,9 +128,7 @@ def motion_of(poses: Sequence[Transform]) -> Motion:
     vectors = np.array(turns)
     spread = np.linalg.svd(vectors, compute_uv=False) / np.sqrt(len(vectors))
     second = float(spread[1]) if len(spread) > 1 else 0.0
-    return Motion(
-        largest_rad=float(np.linalg.norm(vectors, axis=1).max()), second_rad=second, reach_m=reach
-    )
+    return Motion(largest_rad=float(np.linalg.norm(vectors, axis=1).max()), second_rad=second, reach_m=reach)
 
 
 def weak(motion: Motion, count: int) -> tuple[Finding, ...]:
@@ -254,9 +252,7 @@ def _nothing(mount: Mount, motion: Motion, count: int, findings: list[Finding]) 
     )
 
 
-def _rms(
-    sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, found: HandEye | None
-) -> float:
+def _rms(sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, found: HandEye | None) -> float:
     if found is None:
         return float("nan")
     counts = np.array([s.corners for s in sightings])
