@@ -15,6 +15,7 @@ from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
+from cell.identity import identities
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
@@ -46,6 +47,7 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     known = calibration.load(config.files.calibration)
     size = (config.cameras.left.width_px, config.cameras.left.height_px)
     calibration.fit(known, *size, f"the cameras of {config_path}")
+    calibration.belong(known, identities(config.cameras), config_path)
     calibration.table_of(known, config.workspace.floor_z_m)
     for part in config.parts:
         _refuse_too_long(config, config_path, known, part)

@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 from typing import Final, Protocol
 
+from cell.commands import calibrate
+
 
 class Commands(Protocol):
     """Where a group adds its parsers; made by `argparse.ArgumentParser.add_subparsers`."""
@@ -23,4 +25,4 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = ()
+GROUPS: Final[tuple[Group, ...]] = (calibrate.add,)
