@@ -46,6 +46,13 @@ def add(commands: Commands) -> None:
         metavar=("X", "Y", "Z"),
         help="dome: the board's middle, tool frame",
     )
+    parser.add_argument(
+        "--start-mm",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="dome: go there first, tool straight down (robot's base; asked); default: where the arm is",
+    )
     parser.add_argument("--yes", action="store_true", help="live: do not ask before each pose")
     parser.add_argument("--save", type=Path, metavar="DIR", help="live: folder for pictures and poses")
     parser.add_argument("--capture-only", action="store_true", help="live: take the session, solve nothing")
@@ -119,7 +126,7 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
 
     from cell import config as configuration
     from cell.commission import capture, session
-    from cell.commission.arm import SlowArm, halted_by_ctrl_c
+    from cell.commission.arm import PATIENCE_S, SlowArm, halted_by_ctrl_c
     from cell.commission.dome import dome
     from cell.commission.questions import ask
     from cell.frames import transform_of
@@ -145,7 +152,7 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
                 rig=rig,
                 board=board,
                 folder=arguments.save,
-                look_timeout_s=config.cameras.look_timeout_s,
+                look_timeout_s=max(config.cameras.look_timeout_s, PATIENCE_S),
                 ask=(lambda _text: True) if arguments.yes else ask,
                 say=lambda text: console.print(text, markup=False),
             )
@@ -153,6 +160,8 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
                 return capture.again(taking, session.read(arguments.routine))
             if arguments.free is not None:
                 return capture.led(taking, count)
+            if arguments.start_mm is not None:
+                capture.begin(taking, np.array(arguments.start_mm) * 1e-3)
             pivot = arguments.pivot_mm or ([0.0, 0.0, 0.0] if mount == "fixed" else [0.0, 0.0, 300.0])
             poses = dome(
                 transform_of(robot.state().tool),

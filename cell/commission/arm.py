@@ -26,6 +26,8 @@ SETTLE_READS: Final = 3
 SETTLE_STEP_S: Final = 0.15
 SETTLE_S: Final = 10.0
 TIMEOUT_S: Final = 60.0
+PATIENCE_S: Final = 15.0
+"""For a pair of pictures: nobody waits for a pick here."""
 
 
 class NotSettled(UsageError):

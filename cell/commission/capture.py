@@ -13,13 +13,13 @@ from cell.commission import session
 from cell.commission.arm import SlowArm
 from cell.commission.session import Stop
 from cell.errors import UsageError
-from cell.frames import grey_of, pose_of, transform_of
+from cell.frames import grey_of, pose_of, tool_down, transform_of
 from drivers.errors import CommandRejected
 from drivers.interfaces import StereoRig
 from drivers.types import FramePair, JointAngles, RobotState, ToolPose
 from vision import transforms
 from vision.boards import Board, Corners, detect
-from vision.types import Transform
+from vision.types import Floats, Transform
 
 STILL_PX: Final = 0.5
 """Median way of a corner between two pairs when the board stands still."""
@@ -42,6 +42,23 @@ class Taking:
     look_timeout_s: float
     ask: Ask
     say: Say
+
+
+def begin(taking: Taking, point_m: Floats) -> None:
+    """Bring the tool over the place where the dome stands, (3,) m in the base frame, straight down.
+
+    Raises
+    ------
+    UsageError
+        The arm cannot get there, or the person said no.
+    """
+    target = tool_down(point_m, 0.0)
+    if not taking.arm.robot.reachable(target):
+        raise UsageError(f"--start-mm: the arm does not reach {', '.join(f'{1e3 * v:.0f}' for v in point_m)}")
+    pose = transform_of(target)
+    if not taking.ask(f"start: {_way(taking, pose)}. Move there?"):
+        raise UsageError("the start was refused; bring the arm there by hand and leave out --start-mm")
+    taking.arm.line(pose)
 
 
 def generated(taking: Taking, poses: Sequence[Transform]) -> tuple[Stop, ...]:
