@@ -27,7 +27,9 @@ class CommissioningConfig(Settings):
     """Relative paths are relative to the configuration."""
 
     touch_tolerance_m: PositiveFloat = Field(default=0.001, description="largest error of a touched point")
-    touch_history: Path = Field(default=Path("touch-history.jsonl"), description="every touch test, a line each")
+    touch_history: Path = Field(
+        default=Path("touch-history.jsonl"), description="every touch test, a line each"
+    )
     drift: DriftConfig = DriftConfig()
     drift_file: Path = Field(default=Path("drift.json"), description="the trend, kept from run to run")
     empty_tray: Path | None = Field(

@@ -314,9 +314,7 @@ def load(path: Path) -> CellConfig:
             "empty_tray": None if kept.empty_tray is None else home / kept.empty_tray,
         }
     )
-    return config.model_copy(
-        update={"files": resolved, "cameras": cameras, "commissioning": commissioning}
-    )
+    return config.model_copy(update={"files": resolved, "cameras": cameras, "commissioning": commissioning})
 
 
 def load_part(path: Path) -> PartConfig:

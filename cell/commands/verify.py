@@ -18,11 +18,15 @@ def add(commands: Commands) -> None:
     kinds = group.add_subparsers(dest="kind", required=True, metavar="WHAT")
     parser = kinds.add_parser("touch", help="the arm touches measured points; pass or fail, history kept")
     parser.add_argument("config", type=Path, metavar="CONFIG")
-    parser.add_argument("--board", type=Path, required=True, metavar="YAML", help="lies flat in the pick area")
+    parser.add_argument(
+        "--board", type=Path, required=True, metavar="YAML", help="lies flat in the pick area"
+    )
     parser.add_argument("--points", type=int, default=5, help="how many (default and at least 5)")
     parser.add_argument("--tolerance-mm", type=float, help="default: commissioning.touch_tolerance_m")
     parser.add_argument("--hover-mm", type=float, default=30.0, help="height of the first stop (default 30)")
-    parser.add_argument("--gap-mm", type=float, default=0.5, help="the tip stops above the point (default 0.5)")
+    parser.add_argument(
+        "--gap-mm", type=float, default=0.5, help="the tip stops above the point (default 0.5)"
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask before each descent")
     parser.set_defaults(run=run)
 

@@ -77,10 +77,11 @@ class BoardConfig(Settings):
 
     def words(self) -> str:
         """One line for people."""
+        name = "ChArUco board" if self.kind == "charuco" else "chessboard"
         what = f"{self.columns} x {self.rows} squares of {1e3 * self.pitch_m:g} mm"
         if self.kind == "charuco":
             what += f", markers {1e3 * (self.marker_m or 0):g} mm, {self.dictionary}"
-        return f"{self.kind} board, {what}"
+        return f"{name}, {what}"
 
 
 def load(path: Path) -> BoardConfig:

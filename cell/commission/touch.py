@@ -188,9 +188,7 @@ def _told(
             return (x, y, z + gap_m)
 
 
-def conclude(
-    config: CellConfig, touched: list[Touched], wish: Wish, console: Console
-) -> int:
+def conclude(config: CellConfig, touched: list[Touched], wish: Wish, console: Console) -> int:
     """Table, verdict, a line of history; 0 when every point is within the tolerance."""
     if len(touched) < LEAST_POINTS:
         raise UsageError(f"{len(touched)} points were touched; at least {LEAST_POINTS} are needed")
@@ -236,7 +234,8 @@ def _history(config: CellConfig, touched: list[Touched], wish: Wish, passed: boo
         "tolerance_m": wish.tolerance_m,
         "passed": passed,
         "points": [
-            {"corner": t.point.number, "base_m": list(t.point.base_m), "off_m": list(t.off_m)} for t in touched
+            {"corner": t.point.number, "base_m": list(t.point.base_m), "off_m": list(t.off_m)}
+            for t in touched
         ],
     }
     try:
