@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -32,7 +32,7 @@ class Watched:
     """What the file holds. ``looks`` newest last: rows px (NaN: too few ends) and length share of each."""
 
     calibration: str
-    drift: Drift = Drift()
+    drift: Drift = field(default_factory=Drift)
     looks: tuple[tuple[float, float], ...] = ()
 
 

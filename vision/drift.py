@@ -1,8 +1,8 @@
 """Has the calibration moved? Told from what production sees anyway: no target, no extra pictures.
 
-Two numbers per look. The rows of the two pictures must agree at every end of a part, whatever lies there: their
-offset shows cameras that turned against each other. A common error of scale (a baseline that is longer than
-told) hides from that, but not from the measured length of parts whose length is known. Each is smoothed
+Two numbers per look. The rows of the two pictures must agree at every end of a part, whatever lies there:
+their offset shows cameras that turned against each other. A common error of scale (a baseline that is longer
+than told) hides from that, but not from the measured length of parts whose length is known. Each is smoothed
 (exponentially weighted moving average, Roberts 1959, here with the weight of an average over the first looks)
 and compared with where it stood after commissioning. Nothing is ever corrected by this.
 """
@@ -90,8 +90,9 @@ def observe(
 
 
 def alarms(drift: Drift, limits: Limits) -> tuple[Drifted, ...]:
-    """Trends beyond their limits. Rows are compared with their own beginning and with nothing at all, because a
-    rig that was off from the first day has not drifted but is as wrong; lengths with the true length."""
+    """Trends beyond their limits. Rows are compared with their own beginning and with nothing at all,
+    because a rig that was off from the first day has not drifted but is as wrong; lengths with the true
+    length."""
     found = []
     rows, length = drift.rows_px, drift.length
     if rows.settled:

@@ -29,8 +29,8 @@ Mount: TypeAlias = Literal["fixed", "tool"]
 class Sighting:
     """One pose of the arm with what the cameras saw of the board.
 
-    ``board_left_m`` (N, 3) corners in the board's frame and ``left_px`` (N, 2) where the left picture has them
-    (raw pixels); the same for the right one, (0, 3) and (0, 2) where there is none.
+    ``board_left_m`` (N, 3) corners in the board's frame and ``left_px`` (N, 2) where the left picture has
+    them (raw pixels); the same for the right one, (0, 3) and (0, 2) where there is none.
     """
 
     name: str

@@ -30,7 +30,8 @@ from vision.types import Floats, StereoModel, Transform, read_only
 LEAST_POSES: Final = 6
 ADVISED_POSES: Final = 15
 LEAST_TURN_RAD: Final = np.deg2rad(20.0)
-"""The largest turn between two poses must reach this: below, errors of the arm and of corners are all there is."""
+"""The largest turn between two poses must reach this: below, errors of the arm and of corners are all there
+is."""
 LEAST_SECOND_RAD: Final = np.deg2rad(5.0)
 """So much the poses must turn about a second axis: with one alone the place along it stays unknown."""
 WRONG_RMS_PX: Final = 2.0
@@ -96,8 +97,8 @@ class Verdict:
 
     ``used`` places of the poses the fit rests on; ``pose_px`` (N,) of all poses, NaN where a board has no
     pose; ``held_out_m`` (N,) how far the board of each pose lies from where all others say it is, its corners
-    on average; ``area_m`` (K,) deviation of points at the pick area when single poses are left out (jackknife),
-    the headline figure; ``findings`` empty for a session that can be used.
+    on average; ``area_m`` (K,) deviation of points at the pick area when single poses are left out
+    (jackknife), the headline figure; ``findings`` empty for a session that can be used.
     """
 
     mount: Mount
@@ -289,7 +290,8 @@ def _agreeing(
 
     One at a time, and what is left is fitted anew: a wrong pose pulls its neighbours.
     """
-    agreed, wrong, now = list(range(len(sightings))), [], first
+    wrong: list[tuple[int, float, float]] = []
+    agreed, now = list(range(len(sightings))), first
     while len(agreed) > LEAST_POSES - 1:
         each = pose_residuals_px([sightings[k] for k in agreed], stereo, mount, now.found)
         limit = max(WRONG_POSE_PX, WRONG_POSE_TIMES * float(np.median(each)))

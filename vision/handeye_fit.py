@@ -1,10 +1,10 @@
 """Hand-eye by least squares on what is measured: corners in both pictures, and the arm's own poses.
 
-The unknowns are the camera's mounting and the board's place (6 numbers each). What an arm does not repeat moves
-all corners of a pose together, so they are weighed by their common covariance (generalised least squares):
-without that, a tenth of a millimetre of the arm is taken for an error of forty corners at once. Rotations are
-small turns about the start, so nothing is singular. Robust first (Cauchy's loss, corners by themselves), then
-plain with the weights.
+The unknowns are the camera's mounting and the board's place (6 numbers each). What an arm does not repeat
+moves all corners of a pose together, so they are weighed by their common covariance (generalised least
+squares): without that, a tenth of a millimetre of the arm is taken for an error of forty corners at once.
+Rotations are small turns about the start, so nothing is singular. Robust first (Cauchy's loss, corners by
+themselves), then plain with the weights.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Noise:
 class Fit:
     """A fitted hand-eye with what is left.
 
-    ``pose_px`` (N,) root mean square of each pose's corners, px, with the arm taken at its word; ``rms_px`` of
-    all; ``covariance`` (6, 6) of a turn (rad) and a shift (m) of the camera in its own frame;
+    ``pose_px`` (N,) root mean square of each pose's corners, px, with the arm taken at its word; ``rms_px``
+    of all; ``covariance`` (6, 6) of a turn (rad) and a shift (m) of the camera in its own frame;
     ``board_scale`` how much larger the board is than told, ``rig_scale`` how much longer the baseline, and
     their deviations, where these were fitted (1 and NaN where not).
     """
@@ -76,8 +76,9 @@ class _Problem:
         self.size = 12 + scales
 
     def seen(self, start: HandEye, step: Floats, arm: Floats | None = None) -> list[Floats]:
-        """Pixels (N, 2) in each eye. ``step`` (12 + scales,): turn and shift of the camera, of the board, then
-        what board and baseline are longer; ``arm`` (6,): turn and shift of every tool pose in its own frame."""
+        """Pixels (N, 2) in each eye. ``step`` (12 + scales,): turn and shift of the camera, of the board,
+        then what board and baseline are longer; ``arm`` (6,): turn and shift of every tool pose in its own
+        frame."""
         camera = _moved(start.mount_from_camera, step[:6])
         board = _moved(start.held_from_board, step[6:12])
         scale = step[12] if self.scales else 0.0
@@ -149,8 +150,12 @@ def fit(
     problem = _Problem(sightings, stereo, mount, scales)
     begin = start
     if robust:
+
+        def plain(step: Floats) -> Floats:
+            return problem.apart(start, step) / noise.corner_px
+
         solved = least_squares(
-            lambda step: problem.apart(start, step) / noise.corner_px,
+            plain,
             np.zeros(problem.size),
             loss="cauchy",
             f_scale=3.0,
@@ -227,8 +232,12 @@ def board_pose(sighting: Sighting, stereo: StereoModel) -> Transform | None:
     problem = _Problem((_alone(sighting),), stereo, "fixed", 0)
     for start in _board_starts(sighting, stereo):
         still = HandEye(mount_from_camera=transforms.identity(), held_from_board=start)
+
+        def apart(step: Floats, still: HandEye = still) -> Floats:
+            return problem.apart(still, _board_only(step))
+
         solved = least_squares(
-            lambda step, still=still: problem.apart(still, _board_only(step)),
+            apart,
             np.zeros(6),
             method="lm",
             ftol=1e-10,
@@ -287,8 +296,8 @@ def _board_starts(sighting: Sighting, stereo: StereoModel) -> list[Transform]:
 
 
 def project_any(points_m: Floats, camera: CameraModel) -> Floats:
-    """(N, 3) m in a camera's frame to raw pixels (N, 2); a point at or behind the camera lands far outside, so
-    that a fit that has gone astray finds its way back."""
+    """(N, 3) m in a camera's frame to raw pixels (N, 2); a point at or behind the camera lands far outside,
+    so that a fit that has gone astray finds its way back."""
     if not len(points_m):
         return np.zeros((0, 2))
     points = points_m.copy()

@@ -1,4 +1,5 @@
-"""``mikado area teach``, ``mikado area empty``: the pick area, and the tray with nothing in it. Moves nothing."""
+"""``mikado area teach``, ``mikado area empty``: the pick area, and the tray with nothing in it. Moves
+nothing."""
 
 from __future__ import annotations
 
@@ -88,7 +89,8 @@ def run_teach(arguments: argparse.Namespace) -> int:
     now = configuration.load(arguments.config).workspace
     low, high = (tuple(round(1e3 * v, 1) for v in corner) for corner in (now.box_min_m, now.box_max_m))
     console.print(
-        f"{arguments.config}: pick area {low} to {high} mm, floor at {1e3 * now.floor_z_m:.1f} mm, robot's base; "
+        f"{arguments.config}: pick area {low} to {high} mm, floor at {1e3 * now.floor_z_m:.1f} mm, "
+        f"robot's base; "
         f"the file as it was: {arguments.config}.old"
     )
     return code

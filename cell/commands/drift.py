@@ -60,7 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     for each in found:
         console.print(
             f"[red]{drift.CODE}: {each.what} at {each.value:.4f}, {each.reference:.4f} is expected, "
-            f"limit {each.limit:g}[/red]\n  verify touch, then calibrate again; nothing is corrected by itself"
+            f"limit {each.limit:g}[/red]\n  verify touch, then calibrate again; nothing is corrected by "
+            f"itself"
         )
     if not found:
         few = watched.drift.rows_px.looks < SETTLED_LOOKS

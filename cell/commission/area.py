@@ -23,7 +23,7 @@ from cell.errors import UsageError
 from cell.frames import grey_of
 from drivers.factory import Factory
 from drivers.timing import Clock
-from drivers.types import FramePair
+from drivers.types import FramePair, Pixels
 from vision import transforms
 from vision.types import Floats
 
@@ -139,7 +139,7 @@ def look(config: CellConfig, clock: Clock) -> FramePair:
 
 def gridded(pair: FramePair, path: Path, console: Console) -> None:
     """The left picture with a grid of pixel numbers, to read points off."""
-    picture = cv2.cvtColor(grey_of(pair.left), cv2.COLOR_GRAY2BGR)
+    picture = np.asarray(cv2.cvtColor(grey_of(pair.left), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     height, width = picture.shape[:2]
     for u in range(0, width, GRID_PX):
         strong = u % (2 * GRID_PX) == 0
@@ -155,7 +155,7 @@ def gridded(pair: FramePair, path: Path, console: Console) -> None:
     )
 
 
-def write_picture(path: Path, picture: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:
+def write_picture(path: Path, picture: Pixels) -> None:
     """Write a picture. Raises `UsageError` when that cannot be done."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,5 @@
-"""A hand-eye session taken live: the arm goes, or is led, from stop to stop; pictures when all stands still."""
+"""A hand-eye session taken live: the arm goes, or is led, from stop to stop; pictures when all stands
+still."""
 
 from __future__ import annotations
 

@@ -31,25 +31,27 @@ MOUNTED: Final[dict[Mount, str]] = {
 
 DO: Final[dict[Trouble, str]] = {
     Trouble.TOO_FEW: f"take more poses; {ADVISED_POSES} are advised",
-    Trouble.WEAK_MOTION: "tilt the tool by 20 to 40 degrees to several sides; poses that only shift say nothing "
-    "of the camera's place",
+    Trouble.WEAK_MOTION: "tilt the tool by 20 to 40 degrees to several sides; poses that only shift say "
+    "nothing of the camera's place",
     Trouble.ONE_AXIS: "turn about a second axis too: tilt forward and back as well as to the sides",
-    Trouble.WRONG_POSE: "was the arm still moving, or the pose file mixed up? Take it anew, or leave it out with "
-    "--drop NAME",
+    Trouble.WRONG_POSE: "was the arm still moving, or the pose file mixed up? Take it anew, or leave it out "
+    "with --drop NAME",
     Trouble.WRONG_PITCH: "measure the printed bar and enter it: mikado calibrate board --board FILE "
     "--measured-bar-mm LENGTH",
-    Trouble.WRONG_RIG: "the cameras were calibrated with a wrong pitch: correct the board file, calibrate the "
-    "cameras again",
+    Trouble.WRONG_RIG: "the cameras were calibrated with a wrong pitch: correct the board file, calibrate "
+    "the cameras again",
     Trouble.MIRRORED: "corners are numbered the wrong way round: is a driver flipping pictures, is the board "
     "printed mirrored or described with rows and columns exchanged?",
     Trouble.SWAPPED: "exchange cameras.left and cameras.right (or the pictures' names)",
-    Trouble.NOT_A_PAIR: "is this the calibration of these cameras, were they moved since, are the pictures of a "
-    "pair of one instant?",
-    Trouble.INVERTED: "or the poses are tool_from_base instead of base_from_tool: export them the other way round",
+    Trouble.NOT_A_PAIR: "is this the calibration of these cameras, were they moved since, are the pictures "
+    "of a pair of one instant?",
+    Trouble.INVERTED: "or the poses are tool_from_base instead of base_from_tool: export them the other way "
+    "round",
     Trouble.OTHER_MOUNT: "is the camera on the arm or beside it? Give --mount the other way",
-    Trouble.NO_FIT: "are poses and pictures in the same order, is the board fixed to what holds it, are the poses "
-    "of the tool that was active all the time?",
+    Trouble.NO_FIT: "are poses and pictures in the same order, is the board fixed to what holds it, are the "
+    "poses of the tool that was active all the time?",
 }
+"""What a person does about each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +123,8 @@ def _say(sightings: Sequence[Sighting], verdict: Verdict, distance_m: float, con
     motion = verdict.motion
     console.print(f"[bold]{MOUNTED[verdict.mount]}[/bold]")
     console.print(
-        f"{len(sightings)} poses; largest turn {np.rad2deg(motion.largest_rad):.0f} degrees, about a second axis "
+        f"{len(sightings)} poses; largest turn {np.rad2deg(motion.largest_rad):.0f} degrees, about a "
+        f"second axis "
         f"{np.rad2deg(motion.second_rad):.0f} degrees rms, tool over {1e3 * motion.reach_m:.0f} mm"
     )
     if len(sightings) < ADVISED_POSES and not verdict.findings:
@@ -202,7 +205,8 @@ def _say_result(verdict: Verdict, distance_m: float, console: Console) -> None:
     )
     if len(verdict.area_m):
         console.print(
-            f"[bold]error to expect at the pick area ({1e3 * distance_m:.0f} mm before the camera), each pose "
+            f"[bold]error to expect at the pick area ({1e3 * distance_m:.0f} mm before the camera), "
+            f"each pose "
             f"left out once: {1e3 * float(np.median(verdict.area_m)):.3f} mm median, "
             f"{1e3 * float(verdict.area_m.max()):.3f} mm at worst[/bold]"
         )

@@ -1,8 +1,8 @@
 """A hand-eye session on disk: a folder of pictures and one file that says where the arm was for each.
 
-Mikado's own file is JSON in metres with the six numbers of the tool, and the joints, so that the same file is a
-routine to run again. Read besides: ``T_base_flange`` matrices (4, 4) in millimetres, as calibration data sets
-have them.
+Mikado's own file is JSON in metres with the six numbers of the tool, and the joints, so that the same file
+is a routine to run again. Read besides: ``T_base_flange`` matrices (4, 4) in millimetres, as calibration
+data sets have them.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def _stop(path: Path, number: int, pose: Json) -> Stop:
             joints = JointAngles(q_rad=(a, b, c, d, e, f))
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(
-            f"{where}: {error}; 'tool' (x, y, z m, rotation vector rad) or 'T_base_flange' (4x4, mm) is expected"
+            f"{where}: {error}; 'tool' (x, y, z m, rotation vector rad) or 'T_base_flange' (4x4, mm) is "
+            f"expected"
         ) from error
     if float(np.linalg.norm(place.translation)) > 5.0:
         raise UsageError(
@@ -159,7 +160,8 @@ def seen_in(
         mirrored += bool(sighting(stop, flipped[0], flipped[1], board).corners)
     if mirrored > len(stops) // 2:
         raise UsageError(
-            f"{folder}: {mirrored} of {len(stops)} pictures show the board mirrored: the camera's driver flips "
+            f"{folder}: {mirrored} of {len(stops)} pictures show the board mirrored: the camera's "
+            f"driver flips "
             "its pictures, or the board was printed mirrored; put that right first"
         )
     if not sightings:

@@ -1,8 +1,8 @@
 """`mikado verify touch`: the arm goes to points the cameras measured; how far off it is decides.
 
 Small residuals prove nothing about the place of the camera: a wrong tool, a wrong pitch and a moved rig leave
-them as they are. Touching shows all of it at once. The arm hovers first, each descent is asked, and the person
-tells how far the point lies from the tip, or leads the tip onto it and lets the arm say so.
+them as they are. Touching shows all of it at once. The arm hovers first, each descent is asked, and the
+person tells how far the point lies from the tip, or leads the tip onto it and lets the arm say so.
 """
 
 from __future__ import annotations
@@ -97,13 +97,15 @@ def points_of(config: CellConfig, rig: StereoRig, board: Board, count: int, cloc
     numbers, base = numbers[inside], base[inside]
     if len(base) < LEAST_POINTS:
         raise UsageError(
-            f"{len(base)} corners lie in the workspace box; at least {LEAST_POINTS} are needed: move the board"
+            f"{len(base)} corners lie in the workspace box; at least {LEAST_POINTS} are needed: move "
+            f"the board"
         )
     span = np.ptp(base[:, :2], axis=0) / (high - low)[:2]
     if span.min() < LEAST_SPAN:
         raise UsageError(
             f"the corners span {100 * span[0]:.0f} % and {100 * span[1]:.0f} % of the pick area; at least "
-            f"{100 * LEAST_SPAN:.0f} % of both sides are needed: lay the board in the middle, or use a larger one"
+            f"{100 * LEAST_SPAN:.0f} % of both sides are needed: lay the board in the middle, or use a "
+            f"larger one"
         )
     chosen = spread_out(base, max(count, LEAST_POINTS))
     return [
@@ -171,7 +173,8 @@ def _told(
     """Where the point lies from the tip, in mm by the person or by the arm that was led onto it."""
     while True:
         answer = line(
-            f"  the tip should be {1e3 * gap_m:.1f} mm above the point. Where is the point from the tip, mm in "
+            f"  the tip should be {1e3 * gap_m:.1f} mm above the point. Where is the point from the "
+            f"tip, mm in "
             "the robot's x y z? (or 'led' once the tip was led onto it by hand, 'skip'): "
         )
         if answer == "skip":
@@ -209,7 +212,8 @@ def conclude(config: CellConfig, touched: list[Touched], wish: Wish, console: Co
     _history(config, touched, wish, passed)
     word = "[green]passed[/green]" if passed else "[red]failed[/red]"
     console.print(
-        f"{word}: {1e3 * float(np.median(errors)):.2f} mm median, {1e3 * float(errors.max()):.2f} mm at worst, "
+        f"{word}: {1e3 * float(np.median(errors)):.2f} mm median, {1e3 * float(errors.max()):.2f} mm at "
+        f"worst, "
         f"tolerance {1e3 * wish.tolerance_m:.2f} mm; history in {config.commissioning.touch_history}"
     )
     return EXIT_PASSED if passed else EXIT_FAILED
@@ -220,7 +224,8 @@ def _hint(off: Floats, errors: Floats, passed: bool, console: Console) -> None:
     if not passed and float(np.linalg.norm(mean)) > COMMON_SHARE * float(errors.mean()):
         x, y, z = 1e3 * mean
         console.print(
-            f"all points are off alike, by {x:+.2f}, {y:+.2f}, {z:+.2f} mm: is the tool (TCP) the one that is "
+            f"all points are off alike, by {x:+.2f}, {y:+.2f}, {z:+.2f} mm: is the tool (TCP) the one "
+            f"that is "
             "mounted, was the rig moved? Nothing is corrected here: calibrate hand-eye again"
         )
 

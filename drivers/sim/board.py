@@ -1,7 +1,7 @@
 """A calibration board in the simulated cell: where it is, and which of its points are black.
 
-Somebody clamps it in the jaws, lays it in the tray, or holds it before the cameras and keeps still for a while
-here and there. It is paper on a plate: nothing collides with it.
+Somebody clamps it in the jaws, lays it in the tray, or holds it before the cameras and keeps still for a
+while here and there. It is paper on a plate: nothing collides with it.
 """
 
 from __future__ import annotations

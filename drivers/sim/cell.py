@@ -1,9 +1,9 @@
 """The simulated cell as a process of its own.
 
 ``python -m drivers.sim.cell --world configs/demo/world.yaml --port 0 [--speed 4] [--seed 7] [--sticks 12]
-[--faults drop_next,camera_black:left] [--board hand]`` serves eyes, arm, jaws and onlookers on one loopback port. The first
-line on standard output tells the port; SIGTERM ends it, and the last line is what the world counted. With
-``--calibration-out FILE`` it writes the calibration that belongs to the world and ends.
+[--faults drop_next,camera_black:left] [--board hand]`` serves eyes, arm, jaws and onlookers on one loopback
+port. The first line on standard output tells the port; SIGTERM ends it, and the last line is what the world
+counted. With ``--calibration-out FILE`` it writes the calibration that belongs to the world and ends.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
         "--board",
         choices=[place.value for place in BoardPlace],
         default=BoardPlace.NOWHERE.value,
-        help="a calibration board: in the hand, in the tray, or held before the cameras, still for a while here "
-        "and there",
+        help="a calibration board: in the hand, in the tray, or waved: held before the cameras, still for a "
+        "while here and there",
     )
     parser.add_argument("--calibration-out", type=Path, metavar="FILE")
     return parser.parse_args(argv)

@@ -102,8 +102,8 @@ class LightLayout(Settings):
 
 
 class BoardLayout(Settings):
-    """A ChArUco board for the calibration, where one is shown. Frame: the outer top-left corner of the printed
-    squares, x along the columns, y down the rows, z into the board."""
+    """A ChArUco board for the calibration, where one is shown. Frame: the outer top-left corner of the
+    printed squares, x along the columns, y down the rows, z into the board."""
 
     squares: tuple[PositiveInt, PositiveInt] = (9, 7)
     square_m: PositiveFloat = 0.020
