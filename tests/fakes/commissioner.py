@@ -34,10 +34,9 @@ class Commissioner:
         """The demo's configuration with the cell's port, its world beside it, and nothing calibrated."""
         for name in ("world.yaml", "ur.yaml"):
             (self.folder / name).write_bytes((DEMO / name).read_bytes())
-        text = (
-            (DEMO / "cell.yaml").read_text(encoding="utf-8").replace("port: 5100", f"port: {self.cell.port}")
+        text = (DEMO / "cell.yaml").read_text(encoding="utf-8")
+        text = text.replace("port: 5100", f"port: {self.cell.port}")
         text = text.replace("look_timeout_s: 4.0", "look_timeout_s: 60.0")
-        )
         (self.folder / "cell.yaml").write_text(text, encoding="utf-8")
         (self.folder / "board.yaml").write_text(yaml.safe_dump(BOARD), encoding="utf-8")
 
