@@ -248,9 +248,24 @@ def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
     count = len(ends)
     starts = np.zeros(count + 1, np.int64)
     meets = np.zeros((count, count), np.bool_)
+    # most pairs are far apart: upright boxes tell that at a glance
+    low, high = np.empty((count, 2, 2)), np.empty((count, 2, 2))
+    for h in range(count):
+        for view in range(2):
+            for n in range(2):
+                low[h, view, n] = min(ends[h, view, n], ends[h, view, n + 2])
+                high[h, view, n] = max(ends[h, view, n], ends[h, view, n + 2]) + margin
     for h in range(count):
         for k in range(h):
-            if _meet_in_picture(ends, h, k, margin):
+            near = False
+            for view in range(2):
+                near |= (
+                    (low[h, view, 0] <= high[k, view, 0])
+                    & (low[k, view, 0] <= high[h, view, 0])
+                    & (low[h, view, 1] <= high[k, view, 1])
+                    & (low[k, view, 1] <= high[h, view, 1])
+                )
+            if near and _meet_in_picture(ends, h, k, margin):
                 meets[h, k] = True
                 meets[k, h] = True
     for h in range(count):

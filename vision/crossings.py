@@ -21,6 +21,8 @@ LEAST_SIGMA_D = 0.15
 """Disparity of a crossing is never known better than this share of one diameter's."""
 SEEN = 0.3
 """Least strength of a flank that is seen."""
+DOUBT_WEIGHT, LEAST_DOUBT = 0.5, 0.05
+"""What a crossing weighs on the part that seems to lie above, where nothing tells; less than this is none."""
 MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
 
 Counts = npt.NDArray[np.int32]
@@ -70,12 +72,16 @@ def ranked(found: Crossed, worth: Floats, offered: list[bool]) -> list[int]:
     Parts that are not offered stay where they are and go on weighing on what is below them.
     """
     weight = found.above * np.minimum(found.sure, 2.0) / 2.0
-    taken: list[int] = _ranked(weight, worth, np.array(offered, np.bool_)).tolist()
+    # who seems to lie above, but hardly, may lie below: not the one to take before all others
+    doubt = np.where(found.above > 0, DOUBT_WEIGHT * np.exp(-0.5 * found.sure**2), 0.0).T.copy()
+    doubt[doubt < LEAST_DOUBT] = 0.0
+    taken: list[int] = _ranked(weight, doubt, worth, np.array(offered, np.bool_)).tolist()
     return taken
 
 
 @compiled
-def _ranked(weight: Floats, worth: Floats, offered: Bools) -> Ints:
+def _ranked(weight: Floats, doubt: Floats, worth: Floats, offered: Bools) -> Ints:
+    """``doubt`` counts for the first place only."""
     count = len(offered)
     on = np.zeros(count)
     gone = np.zeros(count, np.bool_)
@@ -89,6 +95,8 @@ def _ranked(weight: Floats, worth: Floats, offered: Bools) -> Ints:
             for other in range(count):
                 if not gone[other]:
                     total += weight[other, n]
+                    if place == 0:
+                        total += doubt[other, n]
             on[n] = np.round(total, 3)
             if best < 0 or on[n] < on[best] or (on[n] == on[best] and worth[n] > worth[best]):
                 best = n

@@ -48,6 +48,9 @@ from vision.types import (
 )
 
 LINE_SLACK_PX = 3.0
+CERTAIN_DIAMETERS, CERTAIN_ABOVE = 0.3, 1.5
+"""What is told before the rest is known this well, and lies above what it crosses by this many standard
+deviations."""
 MOST_FIRST = 3
 LOWEST_DIAMETERS = 1.2
 """Axes are looked for from this many diameters below where a lying part has its own."""
@@ -238,7 +241,8 @@ def _first(
     """A scene with the parts of the first product that are certain already: seen whole in both pictures, ends
     and all, nothing over them, and rows that agree. None where there is no such part. Its segments are these
     parts, and the pieces of the graph that nobody has explained yet."""
-    frame, wanted = sizes[0].frame, sizes[0].parts[0].code
+    frame, part = sizes[0].frame, sizes[0].parts[0]
+    wanted = part.code
     left, right = pictures[0].edges, pictures[1].edges
     found = at_first_sight(pool, left, right, frame)
     if found is None or row_offset(found, left, right, frame).significant:
@@ -250,7 +254,11 @@ def _first(
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)
-        if candidate.offered and candidate.part_code == wanted and not over.above[:, row].any()
+        if candidate.offered
+        and candidate.part_code == wanted
+        and candidate.sigma_m < CERTAIN_DIAMETERS * part.diameter_m
+        and not over.above[:, row].any()
+        and not ((over.above[row] > 0) & (over.sure[row] < CERTAIN_ABOVE)).any()
     )
     if not kept:
         return None

@@ -113,3 +113,17 @@ def test_of_a_ring_one_is_first() -> None:
     above[2, 0] = 0.4
 
     assert ranked(weighing(above), np.ones(3), [True] * 3) == [0, 1, 2]
+
+
+def test_who_hardly_seems_to_lie_above_waits_for_who_crosses_nothing() -> None:
+    above = np.zeros((3, 3))
+    above[0, 1] = 1.0
+    sure = np.zeros((3, 3))
+
+    def order(known: float) -> list[int]:
+        sure[0, 1] = known
+        found = Crossed(above=above, sure=sure, place=np.full((3, 3), np.nan), gap=np.zeros((3, 3)))
+        return ranked(found, np.array([9.0, 1.0, 5.0]), [True] * 3)
+
+    assert order(4.0) == [0, 2, 1]
+    assert order(0.5)[0] == 2
