@@ -405,8 +405,8 @@ class Scene:
     """Everything one look gave. ``candidates`` best first, refused ones after the offered ones.
 
     ``crossings`` which candidate lies on which; ``row_offset_px`` what the rows of the right picture were
-    found to be off by, and corrected for; ``complete`` False for a first answer whose rest is
-    still being explained.
+    found to be off by, and corrected for; ``rows_seen_px`` the same however little it is, NaN where too few
+    ends were seen to tell; ``complete`` False for a first answer whose rest is still being explained.
     """
 
     method: Method
@@ -418,6 +418,7 @@ class Scene:
     durations_s: dict[str, float] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     row_offset_px: float = 0.0
+    rows_seen_px: float = float("nan")
     complete: bool = True
 
     @property
