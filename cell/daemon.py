@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from cell import config as configuration
-from cell import handshake, wiring
+from cell import wiring
 from cell.alarm_table import AlarmCode
 from cell.drift import DriftWatch
 from cell.ending import EndRequest

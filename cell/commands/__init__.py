@@ -25,4 +25,14 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = (area.add, calibrate.add, camera.add, drift.add, forecast.add, plc.add, product.add, standing.add, verify.add)
+GROUPS: Final[tuple[Group, ...]] = (
+    area.add,
+    calibrate.add,
+    camera.add,
+    drift.add,
+    forecast.add,
+    plc.add,
+    product.add,
+    standing.add,
+    verify.add,
+)
