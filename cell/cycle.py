@@ -203,6 +203,7 @@ def _plans(station: Station, sight: Sight, scene: Scene) -> tuple[Plan, ...]:
         reach_of(station.kinematics, station.robot.state().joints),
         sight.part.code,
         max(part.diameter_m for part in (sight.part, *sight.among)),
+        sight.part.grasp,
     )
 
 

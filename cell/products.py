@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Final, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from drivers.settings import Settings
 from vision.types import ColourRange, PartModel, Tuning
@@ -71,6 +71,23 @@ def _turns_into(one_deg: tuple[float, float], other_deg: tuple[float, float]) ->
     return low <= first <= high if low <= high else first >= low or first <= high
 
 
+class GraspConfig(Settings):
+    """Where along a part it is gripped, and the way there and away. Left out, the middle is best."""
+
+    from_middle_m: NonNegativeFloat = Field(
+        default=0.0, description="best place, from the part's middle; either side counts alike"
+    )
+    slack_m: NonNegativeFloat | None = Field(
+        default=None, description="how far from there the jaws may look for room (default: 0.4 of length_m)"
+    )
+    approach_height_m: PositiveFloat | None = Field(
+        default=None, description="instead of workspace.approach_height_m, for this part"
+    )
+    retreat_height_m: PositiveFloat | None = Field(
+        default=None, description="the part is lifted at least so high before the arm travels"
+    )
+
+
 class PartConfig(Settings):
     """One product. A straight stick is given by its length and diameter."""
 
@@ -91,8 +108,15 @@ class PartConfig(Settings):
         description="published method: what thinning takes from each end, or adds (`product teach`)",
     )
 
+    grasp: GraspConfig | None = Field(default=None, description="where it is gripped (`product grasp`)")
+
     @model_validator(mode="after")
     def _plausible(self) -> Self:
+        if self.grasp is not None and self.grasp.from_middle_m >= self.length_m / 2:
+            raise ValueError(
+                f"grasp.from_middle_m {self.grasp.from_middle_m} is beyond the end: half of length_m is "
+                f"{self.length_m / 2}"
+            )
         if self.length_m > 2.0:
             raise ValueError(f"length_m {self.length_m} is over 2 m: lengths are in metres, not millimetres")
         if self.diameter_m >= self.length_m:

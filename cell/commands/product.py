@@ -1,4 +1,4 @@
-"""``mikado product ...``: a product from one part."""
+"""``mikado product ...``: a product from one part, and how it is gripped."""
 
 from __future__ import annotations
 
@@ -29,6 +29,35 @@ def add(commands: Commands) -> None:
     teach.add_argument("--name", default="part")
     teach.add_argument("--out", type=Path, required=True, metavar="YAML")
     teach.set_defaults(run=run_teach)
+
+    grasp = kinds.add_parser("grasp", help="where a part is gripped, with a drawn preview; moves nothing")
+    grasp.add_argument("product", type=Path, metavar="YAML", help="the product file; it is changed")
+    grasp.add_argument("--config", type=Path, required=True, metavar="FILE", help="jaws and workspace")
+    grasp.add_argument("--from-middle-mm", type=float, help="best place along the part, either side")
+    grasp.add_argument("--slack-mm", type=float, help="how far from there the jaws may look for room")
+    grasp.add_argument("--approach-mm", type=float, help="height above the grasp where descent begins")
+    grasp.add_argument("--retreat-mm", type=float, help="the part is lifted at least so high")
+    grasp.add_argument("--preview", type=Path, metavar="PNG")
+    grasp.set_defaults(run=run_grasp)
+
+
+def run_grasp(arguments: argparse.Namespace) -> int:
+    """Set where a product is gripped."""
+    from rich.console import Console
+
+    from cell.commission import grasping
+
+    def metres(value_mm: float | None) -> float | None:
+        return None if value_mm is None else round(value_mm / 1e3, 6)
+
+    wish = grasping.Wish(
+        from_middle_m=metres(arguments.from_middle_mm),
+        slack_m=metres(arguments.slack_mm),
+        approach_height_m=metres(arguments.approach_mm),
+        retreat_height_m=metres(arguments.retreat_mm),
+    )
+    console = Console(soft_wrap=True, highlight=False)
+    return grasping.grasp(arguments.product, arguments.config, wish, arguments.preview, console)
 
 
 def run_teach(arguments: argparse.Namespace) -> int:

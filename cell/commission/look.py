@@ -270,5 +270,6 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         reach_of(kinematics, watch),
         sight.part.code,
         max(part.diameter_m for part in sight.parts),
+        sight.part.grasp,
     )
     return {id(plan.candidate): plan for plan in plans}
