@@ -70,7 +70,7 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
                 running.wait_for("state_changed", 4 * START_S, after="IDLE")
                 assert plc.wait(MOST_S) == 0, out.read_text()
                 picked = [line for line in running.events("pick_finished") if line["outcome"] == "PICKED"]
-                skews = [line["skew_s"] for line in running.events("look_finished")]
+                skews = [float(str(line["skew_s"])) for line in running.events("look_finished")]
                 assert running.terminate()[0] == 0
         finally:
             if plc.poll() is None:
