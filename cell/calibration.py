@@ -32,7 +32,8 @@ _ROUNDED: Final = 5e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """What commissioning found. ``base_from_camera``: raw left camera to robot base, None if unknown.
+    """What commissioning found. ``base_from_camera``: raw left camera to robot base, None if unknown;
+    ``tool_from_camera``: to the tool's frame, of cameras on the arm.
 
     ``table`` in the left camera frame, None if the file has none. ``units`` says what the file used
     and how that was known.
@@ -44,6 +45,7 @@ class Calibration:
     table: Plane | None
     units: str
     cameras: tuple[str, str] | None
+    tool_from_camera: Transform | None = None
 
 
 def load(path: Path) -> Calibration:
@@ -96,9 +98,14 @@ def table_of(calibration: Calibration, floor_z_m: float) -> Plane:
         raise CalibrationError(
             f"{calibration.path}: base_from_camera is missing; do the hand-eye calibration"
         )
+    return floor_plane(base, floor_z_m)
+
+
+def floor_plane(base_from_camera: Transform, floor_z_m: float) -> Plane:
+    """The plane z = floor of the robot base in the frame of a left camera."""
     # height above the floor of a camera point p: (R p + t)_z - floor
-    normal = np.array(base.rotation[2], dtype=np.float64)
-    return Plane(normal=read_only(normal), offset_m=float(base.translation[2]) - floor_z_m)
+    normal = np.array(base_from_camera.rotation[2], dtype=np.float64)
+    return Plane(normal=read_only(normal), offset_m=float(base_from_camera.translation[2]) - floor_z_m)
 
 
 def depth_bounds_m(
@@ -182,6 +189,8 @@ def _flattened(data: dict[str, Json]) -> dict[str, Json]:
         fields["table_normal"], fields["table_offset"] = plane.get("normal"), plane.get("d")
     if "base_from_camera" in data:
         fields["T_base_cam"] = data["base_from_camera"]
+    if "tool_from_camera" in data:
+        fields["T_tool_cam"] = data["tool_from_camera"]
     return fields
 
 
@@ -215,14 +224,17 @@ def _calibration(path: Path, fields: dict[str, Json]) -> Calibration:
     shift = matrix("T", 3)
     units, scale = _units(path, fields.get("units"), float(np.linalg.norm(shift)))
     rotation = _rotation(path, "R", matrix("R", 3, 3))
-    base: Transform | None = None
-    if fields.get("T_base_cam") is not None:
-        pose = matrix("T_base_cam", 4, 4)
-        if not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-            raise CalibrationError(f"{path}: the last row of T_base_cam is not 0 0 0 1; is it transposed?")
-        base = Transform(
-            rotation=_rotation(path, "T_base_cam", pose[:3, :3]), translation=read_only(pose[:3, 3] * scale)
+
+    def pose(key: str) -> Transform | None:
+        if fields.get(key) is None:
+            return None
+        rows = matrix(key, 4, 4)
+        if not np.array_equal(rows[3], [0.0, 0.0, 0.0, 1.0]):
+            raise CalibrationError(f"{path}: the last row of {key} is not 0 0 0 1; is it transposed?")
+        return Transform(
+            rotation=_rotation(path, key, rows[:3, :3]), translation=read_only(rows[:3, 3] * scale)
         )
+
     table: Plane | None = None
     if fields.get("table_normal") is not None:
         normal = matrix("table_normal", 3)
@@ -245,7 +257,8 @@ def _calibration(path: Path, fields: dict[str, Json]) -> Calibration:
     return Calibration(
         path=path,
         stereo=model,
-        base_from_camera=base,
+        base_from_camera=pose("T_base_cam"),
+        tool_from_camera=pose("T_tool_cam"),
         table=table,
         units=units,
         cameras=cameras,

@@ -97,7 +97,10 @@ class WorkspaceConfig(Settings):
     take_covered: bool = Field(
         default=True, description="where nothing free can be had, take a part that others lie over"
     )
-    watch_q_rad: Six = Field(description="joints out of the cameras' view; also home")
+    watch_q_rad: Six = Field(
+        description="joints out of the cameras' view, or, of cameras on the arm, from where they see the "
+        "parts; also home"
+    )
     drop_q_rad: Six = Field(description="joints above the place where parts are released")
 
     @model_validator(mode="after")
@@ -207,8 +210,6 @@ class CellConfig(Settings):
         for code in codes:
             if codes.count(code) > 1:
                 raise ValueError(f"parts: code {code} is given twice")
-        if self.cameras.mount == "tool":
-            raise ValueError("cameras.mount: tool is not supported yet; only fixed cameras are")
         drivers = {
             "cameras.left": self.cameras.left.driver,
             "cameras.right": self.cameras.right.driver,

@@ -12,6 +12,7 @@ from cell.faults import PictureUnusable
 from cell.finding import Finding, confirmed
 from cell.logs import logger
 from cell.motions import home, hover, lift, move_clear, place
+from cell.mounting import View
 from cell.planning import Plan, PlanRefusal, PlanRefused, plan_picks
 from cell.reaching import reach_of
 from cell.results import nothing_to_pick, plain, report
@@ -116,7 +117,7 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
     station.looked(seen)
     if early is not None and code is not None:
         return _fetched(station, order, seen, early, _refused(seen), code, stop, times)
-    chosen, unreachable = _choose(station, seen.plans)
+    chosen, unreachable = _choose(station, seen.view, seen.plans)
     refused = [*_refused(seen), *unreachable]
     if chosen is None:
         return nothing_to_pick(station, order, seen, refused)
@@ -184,7 +185,7 @@ def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
         station.stereo,
         sight.part.model(),
         sight.part.tuned(station.tuning),
-        station.table,
+        sight.view.table,
         observe=observe,
         colour_left=sight.colour,
         among=tuple(part.model() for part in sight.among),
@@ -194,7 +195,7 @@ def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
 def _plans(station: Station, sight: Sight, scene: Scene) -> tuple[Plan, ...]:
     return plan_picks(
         scene,
-        station.base_from_camera,
+        sight.view.base_from_camera,
         station.workspace,
         station.jaws,
         sight.part.diameter_m,
@@ -213,10 +214,10 @@ def _early_pick(station: Station, sight: Sight, first: Scene, times: Times) -> P
     if first.complete or not fetches or sight.order.dry_run:
         return None
     with times.stage(station, Stage.PLAN):
-        pick, _ = _choose(station, _plans(station, sight, first))
+        pick, _ = _choose(station, sight.view, _plans(station, sight, first))
     if pick is None or not pick.candidate.offered or not pick.gap_free:
         return None
-    return None if station.missed.part(_middle(station, pick.candidate)) else pick
+    return None if station.missed.part(_middle(sight.view, pick.candidate)) else pick
 
 
 def _fetch_early(
@@ -261,7 +262,13 @@ def _whole_look(station: Station, sight: Sight, finding: Finding, stop: StopToke
         skew_s=round(sight.pair.skew_s, 5),
     )
     return Look(
-        order=sight.order, part=sight.part, pair=sight.pair, scene=scene, plans=plans, among=sight.among
+        order=sight.order,
+        part=sight.part,
+        pair=sight.pair,
+        scene=scene,
+        plans=plans,
+        view=sight.view,
+        among=sight.among,
     )
 
 
@@ -269,13 +276,13 @@ def _refused(look: Look) -> list[PlanRefused]:
     return [why for plan in look.plans for why in plan.refused]
 
 
-def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
+def _choose(station: Station, view: View, plans: tuple[Plan, ...]) -> tuple[Pick | None, list[PlanRefused]]:
     """The first pick the arm can reach, and a refusal for each before it that it cannot.
 
     A part on which a grip failed lately comes last: the same picture gives the same mistake.
     """
     refused: list[PlanRefused] = []
-    for plan in sorted(plans, key=lambda p: station.missed.part(_middle(station, p.candidate))):
+    for plan in sorted(plans, key=lambda p: station.missed.part(_middle(view, p.candidate))):
         if plan.pick is None:
             continue
         if all(
@@ -286,9 +293,9 @@ def _choose(station: Station, plans: tuple[Plan, ...]) -> tuple[Pick | None, lis
     return None, refused
 
 
-def _middle(station: Station, candidate: Candidate) -> Floats:
+def _middle(view: View, candidate: Candidate) -> Floats:
     """(3,) m of a candidate's middle in the base frame."""
-    return transforms.apply(station.base_from_camera, candidate.centre)
+    return transforms.apply(view.base_from_camera, candidate.centre)
 
 
 # --------------------------------------------------------------------------- fetch and place
@@ -335,7 +342,7 @@ def _fetched(
         code = place(station, order, stop, times, _at_clear(station, order, times))
     if code is not ResultCode.OK:
         station.prepared.drop()  # the part may lie anywhere now
-        station.missed.remember(pick.grasp, _middle(station, pick.candidate))
+        station.missed.remember(pick.grasp, _middle(look.view, pick.candidate))
         return report(order, look, pick, refused, code, Outcome.MISSED)
     return report(order, look, pick, refused, code, Outcome.PICKED)
 

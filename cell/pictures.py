@@ -63,6 +63,10 @@ class PictureCheck:
             refuse_moved(self._standing.row_residual(left, right), pair.left.camera, pair.right.camera)
         return left, right
 
+    def stand(self, standing: Standing) -> None:
+        """The next pair is taken from here: cameras on the arm stand elsewhere at each look."""
+        self._standing = standing
+
     def forget(self) -> None:
         """The next pair is compared with nothing: a camera was opened anew."""
         self._last.clear()

@@ -42,8 +42,8 @@ def nothing_to_pick(station: Station, order: PickOrder, look: Look, refused: lis
         look.scene,
         look.part.length_m,
         station.stereo,
-        station.table,
-        station.base_from_camera,
+        look.view.table,
+        look.view.base_from_camera,
         station.workspace,
     )
     outcome = Outcome.BIN_EMPTY if empty else Outcome.NOTHING_GRASPABLE

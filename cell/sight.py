@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cell.config import PartConfig
+from cell.mounting import View
 from cell.stopwatch import StageTimes
 from cell.types import PickOrder
 from drivers.types import FramePair, Pixels
@@ -23,4 +24,5 @@ class Sight:
     right: Grey
     colour: Pixels | None
     tool: Transform
+    view: View
     watch: StageTimes

@@ -16,6 +16,7 @@ from cell.config import (
     heap_of,
 )
 from cell.missed import MissedParts
+from cell.mounting import Mounting, View
 from cell.operation import OperationConfig
 from cell.pattern import Places
 from cell.pictures import PictureCheck
@@ -25,7 +26,7 @@ from cell.types import PickOrder
 from drivers.interfaces import Gripper, Kinematics, Robot, StereoRig
 from drivers.timing import Clock
 from drivers.types import FramePair, JointMotion, LineMotion
-from vision.types import Candidate, Plane, Scene, StereoModel, Transform, Tuning
+from vision.types import Candidate, Scene, StereoModel, Tuning
 
 
 class Stage(Enum):
@@ -58,6 +59,7 @@ class Look:
     pair: FramePair
     scene: Scene
     plans: tuple[Plan, ...]
+    view: View
     among: tuple[PartConfig, ...] = ()
 
     @property
@@ -70,8 +72,8 @@ class Look:
 class Station:
     """Devices, geometry and limits of one cell.
 
-    ``base_from_camera``: raw left camera to robot base (fixed cameras). ``table`` in the left camera
-    frame. ``progress`` is told each stage as it begins; ``looked`` gets each finished look.
+    ``mounting``: where the cameras are. ``progress`` is told each stage as it begins; ``looked`` gets each
+    finished look.
     """
 
     rig: StereoRig
@@ -79,8 +81,7 @@ class Station:
     kinematics: Kinematics
     gripper: Gripper
     stereo: StereoModel
-    base_from_camera: Transform
-    table: Plane
+    mounting: Mounting
     tuning: Tuning
     parts: tuple[PartConfig, ...]
     cameras: CamerasConfig

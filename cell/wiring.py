@@ -10,13 +10,14 @@ from typing import assert_never
 import cv2
 import numpy as np
 
-from cell import calibration
+from cell import calibration, frames
 from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import CalibrationError, ConfigError
 from cell.identity import identities
 from cell.missed import MissedParts
+from cell.mounting import Mounting
 from cell.pattern import Places
 from cell.pictures import PictureCheck, Standing
 from cell.station import Look, Stage, Station
@@ -30,6 +31,7 @@ from drivers.settings import (
     V4l2CameraSettings,
 )
 from drivers.timing import Clock
+from vision.transforms import identity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,9 +57,9 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     size = (config.cameras.left.width_px, config.cameras.left.height_px)
     calibration.fit(known, *size, f"the cameras of {config_path}")
     calibration.belong(known, identities(config.cameras), config_path)
-    calibration.table_of(known, config.workspace.floor_z_m)
+    mounting = mounting_of(config, known)
     for part in config.parts:
-        _refuse_too_long(config, config_path, known, part)
+        _refuse_too_long(config, config_path, mounting, part)
         if part.colour is not None and not _has_colour(config.cameras.left):
             raise ConfigError(
                 Path(config_path),
@@ -66,6 +68,26 @@ def check(config: CellConfig, config_path: str) -> Calibration:
                 "use a colour camera on the left or leave out the part's colour",
             )
     return known
+
+
+def mounting_of(config: CellConfig, known: Calibration) -> Mounting:
+    """Where the cameras are; `CalibrationError` where the calibration does not say."""
+    cameras, workspace = config.cameras, config.workspace
+    return Mounting.of(known, cameras.mount, workspace.floor_z_m, config.tuning.height_m)
+
+
+def standing_now(config: CellConfig, known: Calibration, factory: Factory) -> Standing:
+    """Over the table, as cameras beside the arm always stand; of cameras on it, the arm is asked."""
+    mounting = mounting_of(config, known)
+    if not mounting.on_arm:
+        return mounting.standing(mounting.view(identity()))
+    robot = factory.robot("robot", config.robot)
+    robot.open()
+    try:
+        tool = frames.transform_of(robot.state().tool)
+    finally:
+        robot.close()
+    return mounting.standing(mounting.view(tool))
 
 
 def _has_colour(camera: CameraSettings) -> bool:
@@ -89,10 +111,14 @@ def _has_colour(camera: CameraSettings) -> bool:
             assert_never(camera)
 
 
-def _refuse_too_long(config: CellConfig, config_path: str, known: Calibration, part: PartConfig) -> None:
+def _refuse_too_long(config: CellConfig, config_path: str, mounting: Mounting, part: PartConfig) -> None:
     """Raise `ConfigError` for a product that no picture of this cell can show whole."""
-    table = calibration.table_of(known, config.workspace.floor_z_m)
-    depth = config.tuning.depth_m or calibration.depth_bounds_m(known, table, config.tuning.height_m)
+    known, depth = mounting.known, config.tuning.depth_m
+    if depth is None:
+        if mounting.on_arm:
+            return  # how far off they are depends on where the arm stands
+        table = mounting.view(identity()).table
+        depth = calibration.depth_bounds_m(known, table, config.tuning.height_m)
     seen = calibration.widest_view_m(known.stereo, depth[1])
     if part.length_m > seen:
         raise ConfigError(
@@ -118,18 +144,15 @@ def build(
     rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
     robot = factory.robot("robot", config.robot)
     gripper = factory.gripper("gripper", config.gripper, robot)
-    if known.base_from_camera is None:
-        raise CalibrationError(f"{known.path}: base_from_camera is missing; do the hand-eye calibration")
-    table = calibration.table_of(known, config.workspace.floor_z_m)
-    standing = Standing.of(known, table, config.tuning.height_m)
+    mounting = mounting_of(config, known)
+    standing = None if mounting.on_arm else mounting.standing(mounting.view(identity()))
     station = Station(
         rig=rig,
         robot=robot,
         kinematics=factory.kinematics(config.robot),
         gripper=gripper,
         stereo=known.stereo,
-        base_from_camera=known.base_from_camera,
-        table=table,
+        mounting=mounting,
         tuning=config.tuning.tuning(),
         parts=config.parts,
         heaps=config.heaps,

@@ -83,20 +83,18 @@ def _entry(camera: FoundCamera, *, controls: bool) -> str:
 def _aim(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from cell import calibration, wiring
     from cell import config as configuration
-    from cell.pictures import Standing
+    from cell import wiring
     from drivers.factory import Factory
     from drivers.timing import MonotonicClock, StopToken
 
     console = Console(highlight=False, soft_wrap=True, markup=False)
     config = configuration.load(arguments.config)
     known = wiring.check(config, str(arguments.config))
-    table = calibration.table_of(known, config.workspace.floor_z_m)
-    standing = Standing.of(known, table, config.tuning.height_m)
-    width_px = config.parts[0].diameter_m * standing.rect.focal_px / (sum(standing.depth_m) / 2)
     clock = MonotonicClock()
     factory = Factory(clock)
+    standing = wiring.standing_now(config, known, factory)
+    width_px = config.parts[0].diameter_m * standing.rect.focal_px / (sum(standing.depth_m) / 2)
     of_side = {"left": config.cameras.left, "right": config.cameras.right}
     sides = ("left", "right") if arguments.side is None else (arguments.side,)
     cameras = [factory.camera(f"camera.{side}", of_side[side]) for side in sides]

@@ -72,13 +72,6 @@ def _configuration(config: CellConfig, path: Path, factory: Factory) -> Iterator
         )
     else:
         yield Check(what="calibration", ok=True, found=f"{known.path} (units {known.units})")
-        if known.base_from_camera is None:
-            yield Check(
-                what="hand-eye",
-                ok=False,
-                found="base_from_camera is missing",
-                do="do the hand-eye calibration",
-            )
     yield from places.checks(config, factory.kinematics(config.robot))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -17,18 +18,21 @@ from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.commission.sight import Sight
 from cell.commission.told import document_of, table_of
-from cell.config import PartConfig
-from cell.errors import CalibrationError, UsageError
+from cell.config import CellConfig, PartConfig
+from cell.errors import UsageError
 from cell.missed import MissedParts
-from cell.pictures import PictureCheck, Standing, refuse_flawed
+from cell.mounting import Mounting, View, grab_from_arm
+from cell.pictures import PictureCheck, refuse_flawed
 from cell.planning import Plan, plan_picks
 from cell.reaching import reach_of
 from cell.stopwatch import StageTimes
 from drivers.factory import Factory
-from drivers.timing import MonotonicClock
-from drivers.types import JointAngles, Pixels
+from drivers.interfaces import Robot, StereoRig
+from drivers.timing import Clock, MonotonicClock
+from drivers.types import FramePair, JointAngles, Pixels
 from vision.draw import draw
 from vision.locate import locate
+from vision.transforms import identity
 from vision.types import Scene, Tuning
 
 
@@ -89,12 +93,14 @@ def from_files(
         tuning=tuning,
         table=known.table,
         config=None,
+        base_from_camera=known.base_from_camera,
         among=parts[1:],
     )
 
 
 def from_cameras(config_path: Path, part_code: int | None, method: str | None) -> Sight:
-    """A look through the configured cameras; nothing moves, the arm is not asked.
+    """A look through the configured cameras; nothing moves. The arm is asked where it stands if it carries
+    them, and left alone otherwise.
 
     Raises
     ------
@@ -107,17 +113,19 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         codes = ", ".join(str(p.code) for p in config.parts)
         raise UsageError(f"{config_path} has no part with code {part_code}; it has {codes}")
     clock = MonotonicClock()
-    rig = Factory(clock).rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
-    table = calibration.table_of(known, config.workspace.floor_z_m)
-    check = PictureCheck(Standing.of(known, table, config.tuning.height_m))
-    rig.open()
-    try:
+    factory, mounting = Factory(clock), wiring.mounting_of(config, known)
+    rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
+    robot = factory.robot("robot", config.robot) if mounting.on_arm else None
+    check = PictureCheck()
+    with ExitStack() as opened:
+        for device in (rig,) if robot is None else (rig, robot):
+            device.open()
+            opened.callback(device.close)
         # twice, because only the second can show that a camera is frozen
-        check.check(rig.grab_pair(newer_than=clock.now(), timeout_s=config.cameras.look_timeout_s))
-        pair = rig.grab_pair(newer_than=clock.now(), timeout_s=config.cameras.look_timeout_s)
-        check.check(pair)
-    finally:
-        rig.close()
+        for _ in range(2):
+            pair, view = _taken(config, mounting, rig, robot, clock)
+            check.stand(mounting.standing(view))
+            check.check(pair)
     tuning = config.tuning.tuning()
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
@@ -134,10 +142,22 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         known=known,
         part=part,
         tuning=tuning,
-        table=table,
+        table=view.table,
         config=config,
+        base_from_camera=view.base_from_camera,
         among=among,
     )
+
+
+def _taken(
+    config: CellConfig, mounting: Mounting, rig: StereoRig, robot: Robot | None, clock: Clock
+) -> tuple[FramePair, View]:
+    newer_than, timeout_s = clock.now(), config.cameras.look_timeout_s
+    if robot is None:
+        pair = rig.grab_pair(newer_than=newer_than, timeout_s=timeout_s)
+        return pair, mounting.view(identity())
+    pair, tool = grab_from_arm(rig, robot, newer_than, timeout_s, clock)
+    return pair, mounting.view(tool)
 
 
 def look(sight: Sight, out: Path, console: Console) -> int:
@@ -252,11 +272,8 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
     """Plans by the identity of their candidate, where the robot's place is known from a configuration."""
     if sight.config is None:
         return {}
-    base = sight.known.base_from_camera
-    if base is None:
-        raise CalibrationError(
-            f"{sight.known.path}: base_from_camera is missing; do the hand-eye calibration"
-        )
+    base = sight.base_from_camera
+    assert base is not None, "a configuration's cameras are somewhere"
     watch = JointAngles(q_rad=sight.config.workspace.watch_q_rad)
     kinematics = Factory(MonotonicClock()).kinematics(sight.config.robot)
     plans = plan_picks(

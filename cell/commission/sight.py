@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cell.calibration import Calibration
 from cell.config import CellConfig, PartConfig
 from drivers.types import Pixels
-from vision.types import Plane, Tuning
+from vision.types import Plane, Transform, Tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,6 +24,7 @@ class Sight:
     tuning: Tuning
     table: Plane | None
     config: CellConfig | None
+    base_from_camera: Transform | None
     among: tuple[PartConfig, ...] = ()
 
     @property

@@ -44,7 +44,7 @@ def _product(part: PartConfig) -> dict[str, Json]:
 
 def document_of(sight: Sight, scene: Scene, plans: dict[int, Plan], times: StageTimes) -> dict[str, Json]:
     """Everything a look gave, for a program to read."""
-    base = sight.known.base_from_camera
+    base = sight.base_from_camera
     candidates: list[Json] = []
     for order, candidate in enumerate(scene.candidates, start=1):
         plan = plans.get(id(candidate))

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 import cv2
 import numpy as np
 
-from cell import calibration, config
+from cell import calibration, config, wiring
 from cell.missed import MissedParts
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
@@ -115,8 +115,7 @@ def bench(pictures: int = 1) -> Bench:
             kinematics=kinematics,
             gripper=gripper,
             stereo=known.stereo,
-            base_from_camera=known.base_from_camera,
-            table=calibration.table_of(known, settings.workspace.floor_z_m),
+            mounting=wiring.mounting_of(settings, known),
             tuning=settings.tuning.tuning(),
             parts=settings.parts,
             cameras=settings.cameras,

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -112,7 +113,7 @@ def test_a_part_of_the_sensor_and_the_exposure_are_what_was_asked_for(eyes: dict
     ],
 )
 def test_what_a_camera_cannot_do_is_refused_by_name(
-    eyes: dict[str, Peer], changes: dict[str, object], said: str
+    eyes: dict[str, Peer], changes: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(CommandRejected, match=said), camera("left", **changes):
         pass

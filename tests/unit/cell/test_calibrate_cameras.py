@@ -227,6 +227,8 @@ class ShownRig:
 
     def close(self) -> None: ...
 
+    def check(self) -> None: ...
+
     def grab_pair(self, *, newer_than: float, timeout_s: float) -> FramePair:
         self._clock.turn(0.1)
         if self._next == len(self._shown):

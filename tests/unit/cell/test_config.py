@@ -67,7 +67,6 @@ def test_two_tries_with_one_file_give_the_same_settings() -> None:
         ),
         ('replay, folder: ., pattern: "left', 'laser, folder: ., pattern: "left', "Input tag 'laser'"),
         ("max_skew_s: 0.04", "max_skew_s: 0", "cameras.max_skew_s: Input should be greater than 0"),
-        ("mount: fixed", "mount: tool", "tool is not supported yet"),
         ("mount: fixed", "mount: ceiling", "cameras.mount: Input should be 'fixed' or 'tool'"),
         ("opening_m: 0.020", "opening_m: 0.003", "diameter_m 0.004 does not fit jaws.opening_m 0.003"),
         ("box_min_m: [-0.16,", "box_min_m: [0.20,", "box is empty along x: min 0.2 is not below max 0.16"),

@@ -241,7 +241,7 @@ def test_thick_neighbours_need_more_room_than_thin_ones() -> None:
     )
     tool = frames.transform_of(frames.tool_down(np.zeros(3), 0.0))
     where = (
-        station.base_from_camera,
+        station.mounting.view(tool).base_from_camera,
         station.workspace,
         station.jaws,
         0.004,

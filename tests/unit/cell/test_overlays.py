@@ -18,6 +18,7 @@ from drivers.timing import StopToken
 from drivers.types import Frame, FramePair
 from tests.fakes.clock import FakeClock
 from tests.fakes.station import bench, drawn, order, scene, stick
+from vision import transforms
 
 
 @pytest.fixture
@@ -42,6 +43,7 @@ def look(sequence: int = 1, of: PickOrder | None = None) -> Look:
         pair=FramePair(left=frames[0], right=frames[1]),
         scene=scene(stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022))),
         plans=(),
+        view=bench().station.mounting.view(transforms.identity()),
     )
 
 
