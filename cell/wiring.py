@@ -14,7 +14,7 @@ from cell import calibration, frames
 from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
-from cell.errors import CalibrationError, ConfigError
+from cell.errors import ConfigError
 from cell.identity import identities
 from cell.missed import MissedParts
 from cell.mounting import Mounting
