@@ -5,10 +5,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test soak check format bench lock clean
+.PHONY: help demo test soak soak-cameras check format bench lock clean
 
 help:  ## this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
 
 $(VENV)/.run: requirements/run.lock pyproject.toml requirements/venv
 	@requirements/venv "$(PYTHON)" "$(VENV)"
@@ -29,6 +29,10 @@ test: $(VENV)/.dev  ## all tests that need no hardware
 PICKS ?= 200
 soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N)
 	$(BIN)/pytest -q -s tests/lab --picks $(PICKS)
+
+MINUTES ?= 30
+soak-cameras: $(VENV)/.dev  ## two GigE Vision cameras at 30 frames a second, half an hour (MINUTES=N), as root
+	$(BIN)/pytest -q -s tests/lab/test_gige_soak.py --minutes $(MINUTES)
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .

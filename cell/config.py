@@ -24,6 +24,7 @@ from drivers.settings import (
     Settings,
     Six,
     UrRobotSettings,
+    runs_freely,
 )
 from vision.types import Tuning
 
@@ -40,6 +41,11 @@ class CamerasConfig(Settings):
     max_skew_s: PositiveFloat = Field(description="largest time between the two exposures of a pair")
     mount: Literal["fixed", "tool"] = Field(description="fixed: stands beside the robot; tool: on the arm")
     look_timeout_s: PositiveFloat = 2.0
+    standing_parts: bool = Field(
+        default=False,
+        description="parts lie still while they are looked at; must be said where cameras run freely, "
+        "as webcams do and GigE with trigger: free",
+    )
 
     @model_validator(mode="after")
     def _same_size(self) -> Self:
@@ -47,6 +53,12 @@ class CamerasConfig(Settings):
         right = (self.right.width_px, self.right.height_px)
         if left != right:
             raise ValueError(f"left is {left[0]}x{left[1]} px, right {right[0]}x{right[1]}: must be the same")
+        free = [eye for eye, camera in (("left", self.left), ("right", self.right)) if runs_freely(camera)]
+        if free and not self.standing_parts:
+            raise ValueError(
+                f"{' and '.join(free)} run freely, so that the two pictures show different instants; set "
+                "standing_parts: true where parts lie still while they are looked at, or trigger both cameras"
+            )
         return self
 
 

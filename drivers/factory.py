@@ -20,6 +20,7 @@ from drivers.settings import (
     SimRobotSettings,
     UrRobotSettings,
     V4l2CameraSettings,
+    runs_freely,
 )
 from drivers.timing import Clock
 from drivers.types import Check, FoundCamera
@@ -77,6 +78,15 @@ class Factory:
             case _:
                 assert_never(settings.capture)
 
+    def camera_checks(self, left: CameraSettings, right: CameraSettings) -> tuple[Check, ...]:
+        """What a look at what the cameras need on this machine shows; opens no camera."""
+        wanted = tuple(one for one in (left, right) if isinstance(one, GigeCameraSettings))
+        if not wanted:
+            return ()
+        from drivers.camera.gige_checks import checks
+
+        return checks(wanted)
+
     def cameras_found(self) -> tuple[FoundCamera, ...]:
         """The cameras that can be seen from here, configured or not; those of each kind by name."""
         from drivers.camera import v4l2_list
@@ -94,6 +104,7 @@ class Factory:
             self.camera("camera.right", right, bell),
             max_skew_s,
             self.clock,
+            free_running=runs_freely(left) or runs_freely(right),
         )
 
     def robot(self, name: str, settings: RobotSettings) -> Robot:

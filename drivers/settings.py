@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self, assert_never
 
 from pydantic import (
     BaseModel,
@@ -188,6 +188,19 @@ CameraSettings = Annotated[
     SimCameraSettings | ReplayCameraSettings | V4l2CameraSettings | GigeCameraSettings,
     Field(discriminator="driver"),
 ]
+
+
+def runs_freely(camera: CameraSettings) -> bool:
+    """Whether it exposes when it likes, so that two of them are never in step."""
+    match camera:
+        case V4l2CameraSettings():
+            return True
+        case GigeCameraSettings():
+            return camera.trigger == "free"
+        case SimCameraSettings() | ReplayCameraSettings():
+            return False
+        case _:
+            assert_never(camera)
 
 
 class SimRobotSettings(Settings):
@@ -428,4 +441,5 @@ __all__ = [
     "UrReachSettings",
     "UrRobotSettings",
     "V4l2CameraSettings",
+    "runs_freely",
 ]

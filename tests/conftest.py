@@ -18,6 +18,9 @@ _END_S = 2.0
 def pytest_addoption(parser: pytest.Parser) -> None:
     """What the tests in `tests/lab` can be asked for."""
     parser.addoption("--picks", type=int, help="parts a soak in tests/lab delivers (short by default)")
+    parser.addoption(
+        "--minutes", type=float, help="how long a soak of cameras in tests/lab takes (20 s by default)"
+    )
 
 
 @pytest.fixture(autouse=True)

@@ -38,6 +38,10 @@ def doctor(path: Path, console: Console) -> int:
     wrong = 0
     for title, lines in (
         ("configuration", _configuration(config, path, factory)),
+        (
+            f"cameras ({config.cameras.left.driver})",
+            factory.camera_checks(config.cameras.left, config.cameras.right),
+        ),
         (f"arm ({config.robot.driver})", _arm(config, factory)),
         (f"gripper ({config.gripper.driver})", _gripper(config, factory)),
     ):

@@ -23,6 +23,7 @@ from tests.fakes.simcell import SimCell, sim_cell
 
 CLOCK = MonotonicClock()
 MARGIN_S = 0.7
+ROOT = Path(__file__).parents[2]
 NOWHERE = 9  # the discard port: nobody listens there
 WEBCAM = Path("/dev/v4l/by-path/platform-vhci_hcd.0-usb-0:1:1.0-video-index0")
 """Made of nothing, in the virtual machine of tests/lab."""
@@ -88,24 +89,39 @@ def webcam(capture: str, device: Path = WEBCAM) -> Camera:
     return Factory(CLOCK).camera("camera.left", settings)
 
 
-@pytest.fixture(params=["sim", "replay", "scripted", "v4l2", "v4l2 through OpenCV"])
-def kind(request: pytest.FixtureRequest) -> Kind:
+@pytest.fixture(
+    params=["sim", "replay", "scripted", "v4l2", "v4l2 through OpenCV", "gige", "gige by software"]
+)
+def kind(request: pytest.FixtureRequest) -> Iterator[Kind]:
     match request.param:
         case "sim":
             cell: SimCell = request.getfixturevalue("cell")
-            return Kind(good=lambda: sim(cell.port), absent=lambda: sim(NOWHERE))
+            yield Kind(good=lambda: sim(cell.port), absent=lambda: sim(NOWHERE))
         case "replay":
             pictures: Path = request.getfixturevalue("pictures")
-            return Kind(good=lambda: replay(pictures), absent=lambda: replay(pictures / "nothing"))
+            yield Kind(good=lambda: replay(pictures), absent=lambda: replay(pictures / "nothing"))
         case "scripted":
             gone = DeviceUnavailable("camera.left", "not there")
-            return Kind(good=scripted, absent=lambda: scripted(gone))
+            yield Kind(good=scripted, absent=lambda: scripted(gone))
+        case "gige" | "gige by software":
+            from tests.lab import gige  # not in the virtual machine of the webcams
+
+            gige.require()
+            trigger = "software" if "software" in request.param else "free"
+            picture = ROOT / "tests" / "data" / "left.png"
+            with gige.network() as net, gige.peer(net, "left", "--picture", str(picture)):
+
+                def vision(address: str) -> Camera:
+                    wanted = gige.settings("left", address=address, pixel_format="BayerRG8", trigger=trigger)
+                    return Factory(CLOCK).camera("camera.left", wanted)
+
+                yield Kind(good=lambda: vision(gige.ADDRESSES["left"]), absent=lambda: vision("10.77.1.99"))
         case _:
             if not WEBCAM.exists():
                 pytest.skip("no USB camera of the lab here; tests/lab/test_v4l2.py runs this in its machine")
             capture = "opencv" if "OpenCV" in request.param else "ioctl"
             nowhere = WEBCAM.with_name("nothing-video-index0")
-            return Kind(good=lambda: webcam(capture), absent=lambda: webcam(capture, nowhere))
+            yield Kind(good=lambda: webcam(capture), absent=lambda: webcam(capture, nowhere))
 
 
 @pytest.fixture

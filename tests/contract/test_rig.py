@@ -143,3 +143,54 @@ def test_recorded_pairs_stay_together(tmp_path: Path) -> None:
     made.close()
     assert [int(p.left.pixels[0, 0, 0]) for p in pairs] == [0, 10, 20]
     assert [int(p.right.pixels[0, 0, 0]) for p in pairs] == [0, 10, 20]
+
+
+# ------------------------------------------------------------------ cameras that run freely
+
+
+def scene(captured_at: float, grey: int, camera: str = "left", block: int = 90) -> Frame:
+    """A picture with a bright block."""
+    pixels: Pixels = np.full((64, 64), 90, dtype=np.uint8)
+    pixels[16:32, block // 10 : block // 10 + 16] = grey
+    pixels.setflags(write=False)
+    return Frame(camera=camera, pixels=pixels, captured_at=captured_at, sequence=1)
+
+
+def free_rig(clock: FakeClock, left: list[Frame], right: list[Frame]) -> TwoCameraRig:
+    eyes = [FakeCamera("left", clock, left), FakeCamera("right", clock, right)]
+    made = TwoCameraRig(eyes[0], eyes[1], 0.04, clock, free_running=True)
+    made.open()
+    return made
+
+
+def test_a_free_running_pair_of_a_standing_scene_is_taken_after_one_more_look() -> None:
+    made = free_rig(FakeClock(10.0), [scene(10.0, 200), scene(10.033, 203)], [scene(10.02, 200)])
+    pair = made.grab_pair(newer_than=9.0, timeout_s=1.0)
+    assert (pair.left.captured_at, pair.right.captured_at) == (10.0, 10.02)
+
+
+def test_a_free_running_pair_of_a_scene_that_moved_is_taken_anew() -> None:
+    left = [scene(10.0, 200), scene(10.033, 90), scene(10.066, 90), scene(10.1, 90)]
+    made = free_rig(FakeClock(10.0), left, [scene(10.02, 90), scene(10.08, 90)])
+    pair = made.grab_pair(newer_than=9.0, timeout_s=1.0)
+    assert (pair.left.captured_at, pair.right.captured_at) == (10.066, 10.08)
+
+
+def test_a_free_running_pair_of_a_scene_that_goes_on_moving_is_refused_with_numbers() -> None:
+    made = free_rig(FakeClock(10.0), [scene(10.0, 200), scene(10.033, 90)], [scene(10.02, 90)])
+    with pytest.raises(StaleData, match=r"moved between two pictures 0\.020 s apart.*stand still"):
+        made.grab_pair(newer_than=9.0, timeout_s=0.03)
+
+
+def test_a_free_running_pair_of_one_instant_needs_no_other_look() -> None:
+    made = free_rig(FakeClock(10.0), [scene(10.0, 200)], [scene(10.0005, 200)])
+    assert made.grab_pair(newer_than=9.0, timeout_s=1.0).skew_s < 0.001
+
+
+def test_a_lost_camera_is_told_without_waiting() -> None:
+    made, left, _ = rig(FakeClock(10.0), [], [])
+    made.check()
+    left.lost = "unplugged"
+    with pytest.raises(DeviceUnavailable, match="unplugged"):
+        made.check()
+    made.close()

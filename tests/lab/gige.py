@@ -144,6 +144,16 @@ class Peer:
 
 
 @contextmanager
+def peer(net: Network, eye: str, *what: str) -> Iterator[Peer]:
+    """One camera; ``--picture FILE`` or ``--cell PORT``."""
+    running = Peer(net, eye, *what)
+    try:
+        yield running
+    finally:
+        running.end()
+
+
+@contextmanager
 def peers(net: Network, left: tuple[str, ...], right: tuple[str, ...]) -> Iterator[dict[str, Peer]]:
     """Both cameras; ``--picture FILE`` or ``--cell PORT`` each."""
     running: dict[str, Peer] = {}

@@ -140,7 +140,7 @@ def of_cell(port: int, eye: str) -> Callable[[], Picture]:
     clock = MonotonicClock()
     camera = SimCamera(f"peer.{eye}", settings, clock)
     camera.open()
-    return lambda: camera.grab(newer_than=clock.now(), timeout_s=10.0).pixels
+    return lambda: camera.grab(newer_than=clock.now(), timeout_s=60.0).pixels
 
 
 def main() -> None:

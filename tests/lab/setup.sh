@@ -8,7 +8,15 @@ PACKAGES=(
     mbpoll libmodbus-dev gcc libc6-dev
     # V4L2: Debian's kernel in a virtual machine (tests/lab/vm)
     qemu-system-x86 mmdebstrap busybox-static kmod cpio e2fsprogs
+    # GigE Vision: the library, what its Python side is built with, networks and a filter that loses packets
+    gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev pkg-config gcc iproute2 nftables
 )
 
 apt-get update -qq
 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${PACKAGES[@]}"
+
+# the extra `gige`, into the environment the tests run in
+cd "$(dirname "$0")/../.."
+if [ -x .venv/bin/python ]; then
+    .venv/bin/python -m pip --disable-pip-version-check install --quiet -r requirements/gige.txt
+fi

@@ -16,7 +16,7 @@ from tests.lab import gige
 from tests.system.processes import DEMO, ROOT, START_S, daemon, free_port
 
 STICKS = 12
-MOST_S = 400.0
+MOST_S = 900.0
 
 
 def written(folder: Path, host: str, plc_port: int) -> Path:
@@ -32,13 +32,13 @@ def written(folder: Path, host: str, plc_port: int) -> Path:
                 "height_px": 480,
                 "exposure_us": 5000,
                 "trigger": "software",
-                "lost_s": 5.0,  # drawing a picture takes a busy machine half a second
+                "lost_s": 20.0,  # drawing a picture takes a busy machine seconds
                 "packet_size": 8000,
             }
             for eye in gige.EYES
         }
     )
-    data["cameras"]["look_timeout_s"] = 10.0
+    data["cameras"]["look_timeout_s"] = 40.0
     data["robot"], data["gripper"] = {**arm["robot"], "host": host}, arm["gripper"]
     data["plc"]["port"] = plc_port
     data["files"] = {"calibration": str(DEMO.parent / "calibration.json"), "journal": "journal.sqlite"}
@@ -51,9 +51,9 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
     gige.require()
     with (
         gige.network() as net,
-        sim_cell("--sticks", str(STICKS), "--seed", "7", "--speed", "2") as cell,
+        sim_cell("--sticks", str(STICKS), "--seed", "7") as cell,
         gige.peers(net, ("--cell", str(cell.port)), ("--cell", str(cell.port))),
-        ur_controller("--payload", "0.9", "--world-port", str(cell.port), "--time-scale", "2") as arm,
+        ur_controller("--payload", "0.9", "--world-port", str(cell.port)) as arm,
     ):
         port, out = free_port(), tmp_path / "plc.json"
         plc = subprocess.Popen(
@@ -66,7 +66,7 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
         )
         try:
             with daemon(written(tmp_path, arm.host, port)) as running:
-                running.wait_for("state_changed", START_S, after="IDLE")
+                running.wait_for("state_changed", 4 * START_S, after="IDLE")
                 assert plc.wait(MOST_S) == 0, out.read_text()
                 picked = [line for line in running.events("pick_finished") if line["outcome"] == "PICKED"]
                 skews = [line["skew_s"] for line in running.events("look_finished")]

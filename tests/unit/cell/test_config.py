@@ -60,7 +60,7 @@ def test_two_tries_with_one_file_give_the_same_settings() -> None:
         ("port: 5020", "port: 0", "plc.port: Input should be greater than or equal to 1, found 0"),
         ("port: 5020", "port: modbus", "plc.port: Input should be a valid integer"),
         ("plc: {driver: modbus", "plc: {driver: profinet", "plc.driver: Input should be 'modbus'"),
-        ('replay, folder: ., pattern: "left', 'gige, folder: ., pattern: "left', "Input tag 'gige'"),
+        ('replay, folder: ., pattern: "left', 'laser, folder: ., pattern: "left', "Input tag 'laser'"),
         ("max_skew_s: 0.04", "max_skew_s: 0", "cameras.max_skew_s: Input should be greater than 0"),
         ("mount: fixed", "mount: tool", "tool is not supported yet"),
         ("mount: fixed", "mount: ceiling", "cameras.mount: Input should be 'fixed' or 'tool'"),
