@@ -103,7 +103,7 @@ def test_another_exposure_is_remarked_once_and_is_no_reason_to_refuse() -> None:
         r"camera\.left: exposure or light changed: .* is 1\.[56]\d times as bright", check.remarks[0]
     )
     check.check(pair(brighter[2], RIGHT[2]))
-    assert check.remarks == ()
+    assert list(check.remarks) == []
 
 
 def test_a_camera_that_was_moved_is_named_with_the_rows_it_is_off() -> None:
