@@ -49,10 +49,10 @@ def stream(family: str, count: int, seed: int, rig: str = "webcam") -> Iterator[
     known = rigs.known(camera)
     for number in range(count):
         shot = piles.draw(family, camera, seed, number)
-        yield _case(shot, known, family, f"{family}-{number + 1}", seed)
+        yield case_of(shot, known, family, f"{family}-{number + 1}", seed)
 
 
-def _case(shot: Shot, known: Calibration, family: str, name: str, seed: int) -> Case:
+def case_of(shot: Shot, known: Calibration, family: str, name: str, seed: int) -> Case:
     if known.table is None:
         raise ValueError(f"{shot.rig.name}: its calibration has no table")
     told = json.loads(piles.truth_text(shot, name, family, seed))
@@ -97,7 +97,7 @@ def large(counts: tuple[int, ...], seed: int) -> tuple[Case, ...]:
             wish=Wish(length_m=LARGE_LENGTH_M, diameter_m=LARGE_DIAMETER_M),
         )
         name = f"5 MP, {count}"
-        found.append(_case(shoot(scenery, rig, rng), known, name, name, seed))
+        found.append(case_of(shoot(scenery, rig, rng), known, name, name, seed))
     rigs.rays.cache_clear()  # half a gigabyte
     return tuple(found)
 

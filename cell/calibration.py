@@ -11,17 +11,16 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final
 
 import cv2
 import numpy as np
 
+from cell.calibration_file import Json, refuse_changed
 from cell.errors import CalibrationError
 from vision.stereo import depth_range, rectification
 from vision.transforms import nearest_rotation
 from vision.types import CameraModel, Floats, Plane, StereoModel, Transform, read_only
-
-Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | None"
 
 # A rig of two cameras over a table has a baseline between 10 mm and 2 m. The two ranges do not
 # overlap in number, so a file without units still says which it means.
@@ -71,6 +70,22 @@ def fit(calibration: Calibration, width_px: int, height_px: int, what: str) -> N
                 f"{calibration.path}: made for {eye} pictures of {camera.width_px}x{camera.height_px} px, "
                 f"but {what} are {width_px}x{height_px}; use the calibration of these cameras"
             )
+
+
+def belong(calibration: Calibration, cameras: tuple[str, str] | None, what: str) -> None:
+    """Raise `CalibrationError` when a calibration was made with other cameras, if both are known."""
+    made_with = calibration.cameras
+    if made_with is None or cameras is None or made_with == cameras:
+        return
+    if made_with == cameras[::-1]:
+        raise CalibrationError(
+            f"{calibration.path}: left and right are swapped: it was made with {made_with[0]} on the left "
+            f"and {made_with[1]} on the right, {what} has them the other way round"
+        )
+    raise CalibrationError(
+        f"{calibration.path}: made with {made_with[0]} and {made_with[1]}, but {what} has {cameras[0]} and "
+        f"{cameras[1]}; calibrate these cameras"
+    )
 
 
 def table_of(calibration: Calibration, floor_z_m: float) -> Plane:
@@ -154,6 +169,7 @@ def _json(path: Path) -> dict[str, Json]:
         raise CalibrationError(f"{path}: a JSON object is expected")
     if "opencv_storage" in data or any(isinstance(v, dict) and "type_id" in v for v in data.values()):
         return _opencv(path)
+    refuse_changed(path, data)
     return data
 
 

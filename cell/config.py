@@ -13,6 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from cell import yamlfile
+from cell.commissioning import CommissioningConfig
 from cell.errors import ConfigError
 from cell.operation import OperationConfig
 from cell.products import TOLD_BY_WIDTH, ColourConfig, PartConfig
@@ -200,6 +201,7 @@ class CellConfig(Settings):
     tuning: TuningConfig = TuningConfig()
     operation: OperationConfig = OperationConfig()
     files: FilesConfig
+    commissioning: CommissioningConfig = CommissioningConfig()
     allow_mixed: bool = Field(default=False, description="simulated and real devices in one cell")
 
     @model_validator(mode="after")
@@ -330,7 +332,15 @@ def load(path: Path, home: Path | None = None) -> CellConfig:
             if isinstance(settings, ReplayCameraSettings)
         }
     )
-    return config.model_copy(update={"files": resolved, "cameras": cameras})
+    kept = config.commissioning
+    commissioning = kept.model_copy(
+        update={
+            "touch_history": home / kept.touch_history,
+            "drift_file": home / kept.drift_file,
+            "empty_tray": None if kept.empty_tray is None else home / kept.empty_tray,
+        }
+    )
+    return config.model_copy(update={"files": resolved, "cameras": cameras, "commissioning": commissioning})
 
 
 def load_part(path: Path) -> PartConfig:

@@ -184,7 +184,7 @@ def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
         sight.right,
         station.stereo,
         sight.part.model(),
-        station.tuning,
+        sight.part.tuned(station.tuning),
         sight.view.table,
         observe=observe,
         colour_left=sight.colour,
@@ -204,6 +204,7 @@ def _plans(station: Station, sight: Sight, scene: Scene) -> tuple[Plan, ...]:
         reach_of(station.kinematics, station.robot.state().joints),
         sight.part.code,
         max(part.diameter_m for part in (sight.part, *sight.among)),
+        sight.part.grasp,
     )
 
 

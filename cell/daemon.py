@@ -12,6 +12,7 @@ from typing import Final
 from cell import config as configuration
 from cell import wiring
 from cell.alarm_table import AlarmCode
+from cell.drift import DriftWatch
 from cell.ending import EndRequest
 from cell.faults import FaultCode
 from cell.journal import Journal
@@ -79,6 +80,8 @@ class _Daemon:
         cell_stop, plc_stop = StopToken(cell_clock), StopToken(self._clock)
         overlay_stop = StopToken(self._clock)
         self._overlays: OverlayWriter | None = None
+        kept = config.commissioning
+        self._drift = DriftWatch(kept.drift_file, kept.drift, config.files.calibration)
         parts = wiring.build(config, str(path), self._clock, cell_clock, self._progress, self._looked)
         if config.files.overlays is not None:
             beat = Beat("overlays", 30.0, self._clock)
@@ -125,6 +128,7 @@ class _Daemon:
         self._cell.progress(stage)
 
     def _looked(self, look: Look) -> None:
+        self._drift.look(look.scene, look.part.code, look.part.length_m)
         if self._overlays is not None:
             self._overlays.put(look)
 

@@ -15,6 +15,7 @@ from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
 from cell.errors import ConfigError
+from cell.identity import identities
 from cell.missed import MissedParts
 from cell.mounting import Mounting
 from cell.pattern import Places
@@ -55,6 +56,7 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     known = calibration.load(config.files.calibration)
     size = (config.cameras.left.width_px, config.cameras.left.height_px)
     calibration.fit(known, *size, f"the cameras of {config_path}")
+    calibration.belong(known, identities(config.cameras), config_path)
     mounting = mounting_of(config, known)
     for part in config.parts:
         _refuse_too_long(config, config_path, mounting, part)

@@ -59,7 +59,10 @@ class Factory:
 
                 source = GigeSource(name, settings, self.clock)
                 life = Life(
-                    period_s=1.0 / settings.rate_hz, lost_s=settings.lost_s, idle_s=settings.lost_s / 2.0
+                    period_s=1.0 / settings.rate_hz,
+                    lost_s=settings.lost_s,
+                    idle_s=settings.lost_s / 2.0,
+                    good_frames=10,  # the camera's clock is known by the quickest of some frames
                 )
                 trigger = source.trigger if settings.trigger == "software" else None
                 return OwnedCamera(source, life, self.clock, trigger, bell)

@@ -24,7 +24,7 @@ from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
 from vision.published import Observer, depth_gate_m, require_pictures
-from vision.rows import row_offset
+from vision.rows import LEAST_ENDS, row_offset
 from vision.shapes import locate_shapes
 from vision.shapes import warm_up as warm_up_shapes
 from vision.sizes import Size, lead, of_one_width, sizes_of, weighing_length_m
@@ -138,7 +138,8 @@ def locate_default(
     ahead = lead(found, sizes)
     offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
     tell("retrieve", offered.candidates)
-    return _scene(offered, measured, pictures, frame, pool, off_px)
+    scene = _scene(offered, measured, pictures, frame, pool, off_px)
+    return replace(scene, rows_seen_px=offset.px if offset.ends >= LEAST_ENDS else float("nan"))
 
 
 def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: Plane | None) -> Frame:

@@ -225,7 +225,8 @@ class PartModel:
     """A product as the detector knows it. Without ``topology`` it is a straight stick.
 
     ``diameter_m`` is the thickness of a flat part; ``outline`` its edge, None for round rods along the
-    edges of the topology.
+    edges of the topology. ``thinning_end_m``: by how much thinning takes from each end of a stick, which the
+    published method has no other way to know (learned by `mikado product teach`).
     """
 
     code: int
@@ -236,6 +237,7 @@ class PartModel:
     topology: Topology | None = None
     outline: Outline | None = None
     colour: ColourRange | None = None
+    thinning_end_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -403,8 +405,8 @@ class Scene:
     """Everything one look gave. ``candidates`` best first, refused ones after the offered ones.
 
     ``crossings`` which candidate lies on which; ``row_offset_px`` what the rows of the right picture were
-    found to be off by, and corrected for; ``complete`` False for a first answer whose rest is
-    still being explained.
+    found to be off by, and corrected for; ``rows_seen_px`` the same however little it is, NaN where too few
+    ends were seen to tell; ``complete`` False for a first answer whose rest is still being explained.
     """
 
     method: Method
@@ -416,6 +418,7 @@ class Scene:
     durations_s: dict[str, float] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     row_offset_px: float = 0.0
+    rows_seen_px: float = float("nan")
     complete: bool = True
 
     @property

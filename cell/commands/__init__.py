@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import Final, Protocol
 
-from cell.commands import camera, plc, standing
+from cell.commands import area, calibrate, camera, drift, forecast, plc, product, standing, verify
 
 
 class Commands(Protocol):
@@ -25,4 +25,14 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = (camera.add, plc.add, standing.add)
+GROUPS: Final[tuple[Group, ...]] = (
+    area.add,
+    calibrate.add,
+    camera.add,
+    drift.add,
+    forecast.add,
+    plc.add,
+    product.add,
+    standing.add,
+    verify.add,
+)

@@ -246,8 +246,8 @@ def _answered(side: PlcSide, sequence: int) -> float | None:
 
 
 def _next(side: PlcSide) -> int:
-    """Behind both the last number answered and the last one shown."""
-    return next_sequence(max(side.status.accepted_seq, side.command.cmd_seq))
+    """After the last number shown; while none is, the cell shows the last one it has taken."""
+    return next_sequence(side.command.cmd_seq or side.status.accepted_seq)
 
 
 def _pings(side: PlcSide, transcript: Transcript, orders: int) -> bool:

@@ -7,9 +7,9 @@ answer and not stream.
 
 from __future__ import annotations
 
-import math
 import threading
 import time
+from collections import deque
 from typing import Final
 
 import structlog
@@ -27,6 +27,8 @@ from drivers.types import Frame
 log = structlog.get_logger()
 
 BUFFERS: Final = 8
+_MOST_ASKED: Final = 32
+"""Words not answered yet; a camera that takes none is lost long before."""
 _NEAR: Final = 0.02
 """A camera may round exposure, gain and rate by this share: it has steps."""
 _DISCOVERY: Final = threading.Lock()
@@ -47,7 +49,7 @@ class GigeSource:
         self._device_clock = DeviceClock()
         self._answer_clock = DeviceClock()  # the other way round: the device's clock from our words
         self._frame_id: int | None = None
-        self._triggered_at = -math.inf
+        self._asked_at: deque[float] = deque(maxlen=_MOST_ASKED)
         self._sequence = 0
         self._counters = Counters()
         self._resent_before = 0
@@ -98,7 +100,8 @@ class GigeSource:
         for _ in range(BUFFERS):
             stream.push_buffer(library.buffer(self._payload))
         self._device_clock, self._answer_clock = DeviceClock(), DeviceClock()
-        self._frame_id, self._triggered_at, self._resent_before = None, -math.inf, 0
+        self._frame_id, self._resent_before = None, 0
+        self._asked_at.clear()
         camera.start_acquisition()
         log.info(
             "gige_camera_started",
@@ -191,7 +194,7 @@ class GigeSource:
             self._camera.software_trigger()
         except library.Error as error:
             raise self._told(error) from error
-        self._triggered_at = sent_at
+        self._asked_at.append(sent_at)
 
     def next(self, timeout_s: float) -> Frame | None:
         """The next complete frame, in the order of exposure; None when none came in time."""
@@ -221,6 +224,8 @@ class GigeSource:
         number = buffer.get_frame_id()
         lost = 0 if self._frame_id is None else missed(self._frame_id, number)
         self._frame_id = number
+        for _ in range(min(lost, len(self._asked_at))):
+            self._asked_at.popleft()  # answered, by a frame that never came
         resent = aravis.resent(self._stream)
         before = self._counters
         good = aravis.complete(buffer)
@@ -232,6 +237,8 @@ class GigeSource:
         )
         self._resent_before = resent
         if not good:
+            if self._asked_at:
+                self._asked_at.popleft()
             return None
         wanted = self._settings
         try:
@@ -255,16 +262,16 @@ class GigeSource:
     def _captured_at(self, device_ns: int, came_at: float) -> float:
         """Never later than the exposure: from its end to its first packet a camera takes up to ``lag_s``."""
         wanted = self._settings
-        earliest = came_at
+        earliest, device_s = came_at, device_ns * 1e-9
         if device_ns > 0:
-            device_s = device_ns * 1e-9
             earliest = min(came_at, self._device_clock.add(device_s, came_at).ours(device_s))
-            sent_at = self._triggered_at
-            if earliest >= sent_at > -math.inf:
-                # taken on our last word, and no sooner than that came; what it took longer than the quickest
-                # answer is told by the device
-                quickest_s = self._answer_clock.add(sent_at, device_s).ours(sent_at)
-                return sent_at + max(0.0, device_s - quickest_s)
+        if self._asked_at:
+            # it answers one of our words, in their order, and cannot be older than the first of them; what it
+            # took longer than the quickest answer is told by the device's clock
+            sent_at = self._asked_at.popleft()
+            if device_ns <= 0:
+                return sent_at
+            return sent_at + max(0.0, device_s - self._answer_clock.add(sent_at, device_s).ours(sent_at))
         return earliest - wanted.exposure_us * 1e-6 - wanted.lag_s
 
     # ------------------------------------------------------------------ stop

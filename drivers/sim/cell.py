@@ -1,9 +1,9 @@
 """The simulated cell as a process of its own.
 
 ``python -m drivers.sim.cell --world configs/demo/world.yaml --port 0 [--speed 4] [--seed 7] [--sticks 12]
-[--faults drop_next,camera_black:left]`` serves eyes, arm, jaws and onlookers on one loopback port. The first
-line on standard output tells the port; SIGTERM ends it, and the last line is what the world counted. With
-``--calibration-out FILE`` it writes the calibration that belongs to the world and ends.
+[--faults drop_next,camera_black:left] [--board hand]`` serves eyes, arm, jaws and onlookers on one loopback
+port. The first line on standard output tells the port; SIGTERM ends it, and the last line is what the world
+counted. With ``--calibration-out FILE`` it writes the calibration that belongs to the world and ends.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import yaml
 from pydantic import ValidationError
 
 from drivers.sim import arguments
+from drivers.sim.board import BoardPlace
 from drivers.sim.controller import Controller
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import calibration_text, eyes
@@ -62,6 +63,13 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--faults", default="", metavar="NAME[:EYE],...", help="from the start: " + ", ".join(FAULTS)
     )
+    parser.add_argument(
+        "--board",
+        choices=[place.value for place in BoardPlace],
+        default=BoardPlace.NOWHERE.value,
+        help="a calibration board: in the hand, in the tray, or waved: held before the cameras, still for a "
+        "while here and there",
+    )
     parser.add_argument("--calibration-out", type=Path, metavar="FILE")
     return parser.parse_args(argv)
 
@@ -80,6 +88,7 @@ def main(argv: list[str] | None = None) -> int:
             options.calibration_out.write_text(calibration_text(layout.cameras), encoding="utf-8")
             return 0
         world = World(layout, seed=options.seed, count=options.sticks)
+        world.board = BoardPlace(options.board)
     except (BadWorldFile, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return 78

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.sim.arm import MotionEnd, Refused
+from drivers.sim.board import BoardPlace
 from drivers.sim.geometry import tool_pose
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import Eye
@@ -385,6 +386,12 @@ class Controller:
         with self._lock:
             self.advance()
             self._world.add_sticks(count)
+
+    def show_board(self, place: BoardPlace) -> None:
+        """Somebody puts the calibration board there, or takes it away."""
+        with self._lock:
+            self.advance()
+            self._world.board = place
 
     def peek(self) -> tuple[World, Snapshot]:
         """The world at this instant; for reading."""

@@ -101,6 +101,24 @@ class LightLayout(Settings):
     ambient: NonNegativeFloat
 
 
+class BoardLayout(Settings):
+    """A ChArUco board for the calibration, where one is shown. Frame: the outer top-left corner of the
+    printed squares, x along the columns, y down the rows, z into the board."""
+
+    squares: tuple[PositiveInt, PositiveInt] = (9, 7)
+    square_m: PositiveFloat = 0.020
+    marker_m: PositiveFloat = 0.015
+    dictionary: str = "DICT_4X4_50"
+    margin_m: NonNegativeFloat = 0.008
+    in_hand_m_rad: Six = Field(
+        default=(-0.09, 0.045, 0.0, 0.0, 0.0, 0.0), description="tool_from_board: metres, rotation vector"
+    )
+    in_tray_m_rad: Six = Field(
+        default=(-0.088, 0.068, 0.002, 3.14159265, 0.0, 0.0),
+        description="from the middle of the tray's floor: metres, rotation vector",
+    )
+
+
 class WorldLayout(Settings):
     """The whole world file."""
 
@@ -113,3 +131,4 @@ class WorldLayout(Settings):
     gripper: GripperLayout
     cameras: CamerasLayout
     light: LightLayout
+    board: BoardLayout = BoardLayout()

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.sim import armlook
+from drivers.sim.boardlook import BoardLook
 from drivers.sim.geometry import Floats
 from drivers.sim.layout import WorldLayout
 from drivers.sim.light import MARKS, LightMap, light_map
@@ -72,13 +73,16 @@ class Renderer:
         self._vignette = (1.0 - VIGNETTING * off / off.max()).astype(np.float32)[:, :, None]
         self._tone = (255.0 * np.linspace(0.0, 1.0, 4096) ** (1.0 / GAMMA)).astype(np.float32)
         self._grain: dict[int, npt.NDArray[np.float32]] = {}
+        self._board = BoardLook(world, self._slopes, self._per_u, self._per_v)
 
     def picture(self, snapshot: Snapshot, light: LightMap) -> Pixels:
         """(H, W, 3) uint8 BGR, read-only; never twice the same, because of the noise."""
         linear = self._floor(light)
         arm_depth, arm_colour = armlook.draw(self._sight, self.eye.base_from_camera, snapshot, self._world)
-        stick_depth = self._sticks(linear, snapshot, light)
-        visible = np.isfinite(arm_depth) & (arm_depth < stick_depth)
+        nearest = self._sticks(linear, snapshot, light)
+        if snapshot.base_from_board is not None:
+            self._board.paint(linear, nearest, self.eye.camera_from_base @ snapshot.base_from_board, self.eye)
+        visible = np.isfinite(arm_depth) & (arm_depth < nearest)
         linear[visible] = arm_colour[visible]
         return self._develop(linear)
 

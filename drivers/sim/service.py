@@ -13,6 +13,7 @@ import socket
 import socketserver
 
 from drivers.sim.arm import Refused
+from drivers.sim.board import BoardPlace
 from drivers.sim.controller import EYES, CameraFault, Controller, Drive, Silent
 from drivers.sim.protocol import Json, Message, ProtocolError, receive, send
 from drivers.types import JointAngles, RobotState, SafetyMode, ToolPose
@@ -93,13 +94,14 @@ COUNTS = ("in_box", "lost", "dropped", "fell_back", "collisions", "grasps", "mis
 
 
 def truth_values(controller: Controller) -> dict[str, Json]:
-    """Where every stick in the tray really is: axis ends in the base frame, metres."""
+    """Where every stick in the tray really is, axis ends in the base frame, metres; and the board."""
     _, snapshot = controller.peek()
     sticks: list[Json] = []
     for stick in snapshot.lying:
         ends: list[Json] = [[float(v) for v in end] for end in stick.ends]
         sticks.append({"number": stick.number, "ends_m": ends, "diameter_m": stick.diameter_m})
-    return {"sticks": sticks}
+    board: Json = None if snapshot.base_from_board is None else snapshot.base_from_board.tolist()
+    return {"sticks": sticks, "base_from_board": board}
 
 
 def answer(controller: Controller, client: int, request: Message) -> Message:
@@ -117,6 +119,11 @@ def answer(controller: Controller, client: int, request: Message) -> Message:
             upset(controller, request.text("name"), eye, seconds)
         case "add_sticks":
             controller.add_sticks(max(0, min(200, request.whole("count"))))
+        case "board":
+            try:
+                controller.show_board(BoardPlace(request.text("place")))
+            except ValueError as error:
+                raise ProtocolError(str(error)) from error
         case "set_input":
             controller.set_input(request.whole("pin"), request.flag("on"))
         case "set_output":

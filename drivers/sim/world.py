@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.sim import jaws
 from drivers.sim.arm import Arm
+from drivers.sim.board import BoardPlace, place_of
 from drivers.sim.geometry import Floats, apply
 from drivers.sim.layout import WorldLayout
 from drivers.sim.piles import Stick, drop_one, drop_pile, fits, resettle, settle
@@ -34,6 +35,7 @@ class Snapshot:
 
     ``lying`` sticks in the tray in the order they were dropped; ``held`` the one in the jaws;
     ``pile_version`` changes whenever ``lying`` does. ``q`` (6,) joint angles, ``jaw_gap_m`` clear opening.
+    ``base_from_board`` (4, 4) of a calibration board, None where none is shown.
     """
 
     lying: tuple[Stick, ...]
@@ -42,6 +44,7 @@ class Snapshot:
     q: Floats
     base_from_tool: Floats
     jaw_gap_m: float
+    base_from_board: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,6 +78,7 @@ class World:
         self.events: list[str] = []
         self.drop_next = False
         self.miss_next = False
+        self.board = BoardPlace.NOWHERE
         self._lying = drop_pile(kind, layout.tray, self._rng)
         self._next_number = len(self._lying)
         self._pile_version = 0
@@ -106,13 +110,15 @@ class World:
             gap = held.diameter_m
         elif self._grip is Grip.CLOSED_EMPTY:
             gap = 0.0
+        tool = self.arm.base_from_tool()
         return Snapshot(
             lying=self._lying,
             held=held,
             pile_version=self._pile_version,
             q=self.arm.q.copy(),
-            base_from_tool=self.arm.base_from_tool(),
+            base_from_tool=tool,
             jaw_gap_m=gap,
+            base_from_board=place_of(self.board, self.layout, tool, self.time_s),
         )
 
     def _held_stick(self) -> Stick | None:

@@ -178,6 +178,7 @@ def settings(eye: str, **changes: object) -> GigeCameraSettings:
             "trigger": "free",
             "rate_hz": 15,
             "packet_size": 8000,
+            "lag_s": 0.2,  # its process waits its turn on a busy machine
             **changes,
         }
     )

@@ -18,7 +18,8 @@ from tests.fakes.simcell import sim_cell
 from tests.system.processes import SPEED, Line, daemon, free_port, orders, until, write_config
 
 SHORT_S = 4.0
-SLOWEST_S = 1.0
+SLOWEST_S = 1.4
+"""The cell gives its PLC up after 1.5 s without a heartbeat."""
 MOST_MEMORY_MB = 8.0
 ENABLE, READY, RESULT_VALID, LINK_OK = 1, 1, 1 << 3, 1 << 12
 
@@ -74,7 +75,7 @@ def test_nonsense_changes_nothing_and_keeps_nobody_from_working(
         most_mb, sequence = before_mb, 1
         ends_at = time.monotonic() + lasts_s
         with (
-            Noise(port, threads=3, seed=5, source="127.0.0.2") as allowed,
+            Noise(port, threads=2, seed=5, source="127.0.0.2") as allowed,
             Noise(port, threads=1, seed=6, source="127.0.0.3") as stranger,
         ):
             while time.monotonic() < ends_at:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 
 from tests.fakes.simcell import sim_cell
@@ -59,7 +60,7 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
         plc = subprocess.Popen(
             [
                 *(sys.executable, "-m", "drivers.sim.plc", "--port", str(port)),
-                *("--orders", "until-empty", "--out", str(out)),
+                *("--orders", "until-empty", "--deadline-s", "300", "--out", str(out)),
             ],
             cwd=ROOT,
             stdout=subprocess.DEVNULL,
@@ -69,7 +70,7 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
                 running.wait_for("state_changed", 4 * START_S, after="IDLE")
                 assert plc.wait(MOST_S) == 0, out.read_text()
                 picked = [line for line in running.events("pick_finished") if line["outcome"] == "PICKED"]
-                skews = [line["skew_s"] for line in running.events("look_finished")]
+                skews = [float(str(line["skew_s"])) for line in running.events("look_finished")]
                 assert running.terminate()[0] == 0
         finally:
             if plc.poll() is None:
@@ -79,3 +80,34 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
         assert len(picked) == STICKS
         assert json.loads(out.read_text())["handshake_errors"] == []
     print(f"\n{len(picked)} of {STICKS} picked; skew of {len(skews)} pairs: {sorted(skews)}")
+
+
+def test_a_look_over_the_wire_finds_the_sticks_of_the_scene(tmp_path: Path) -> None:
+    gige.require()
+    with (
+        gige.network() as net,
+        sim_cell("--sticks", "5", "--seed", "3") as cell,
+        gige.peers(net, ("--cell", str(cell.port)), ("--cell", str(cell.port))),
+    ):
+        data = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
+        for eye in gige.EYES:
+            wanted = gige.settings(eye, trigger="software", lost_s=20.0)
+            data["cameras"][eye] = wanted.model_dump(mode="json", exclude_none=True)
+        data["cameras"]["look_timeout_s"] = 40.0
+        data["allow_mixed"] = True
+        data["files"]["calibration"] = str(DEMO.parent / "calibration.json")
+        config = tmp_path / "cell.yaml"
+        config.write_text(yaml.safe_dump(data), encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, "-m", "cell", "look", "--config", str(config), "--out", str(tmp_path)],
+            cwd=gige.ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 0, done.stdout + done.stderr
+    candidates = json.loads((tmp_path / "look.json").read_text())["candidates"]
+    lengths = [c["length_m"] for c in candidates if c["offered"]]
+    print(f"\noffered over the wire, lengths in m: {lengths}")
+    assert len(lengths) >= 4
+    assert all(length == pytest.approx(0.100, abs=0.004) for length in lengths)

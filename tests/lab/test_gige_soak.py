@@ -64,7 +64,7 @@ def test_frames_stay_new_and_nothing_grows(pytestconfig: pytest.Config) -> None:
             ages.sort()
             middle, late = (1e3 * ages[int(len(ages) * share)] for share in (0.5, 0.99))
             print(
-                f"\n{seconds:.0f} s: {frames[0]} + {frames[1]} frames of {numbers[0]} + {numbers[1]} exposed; "
+                f"\n{seconds:.0f} s: {frames[0]} + {frames[1]} of {numbers[0]} + {numbers[1]} frames; "
                 f"age at hand-over median {middle:.1f} ms, 99 % {late:.1f} ms; {100 * cpu:.1f} % of a core; "
                 f"memory {first_mb:.1f} to {last_mb:.1f} MB"
             )

@@ -93,6 +93,7 @@ class WirePlc:
         self.tear_write = STATUS_WORDS
         self.told: dict[int, set[int]] = {}
         self.refused: set[int] = set()
+        self.meant: dict[int, set[tuple[int, int]]] = {}
 
     def open(self) -> None: ...
 
@@ -102,6 +103,8 @@ class WirePlc:
         """The PLC's program writes; a torn read shows some words of the time before."""
         self.before = encode_command(self.command)
         self.command = replace(self.command, **fields)  # type: ignore[arg-type]  # names of its fields
+        wanted = (self.command.cmd_code, max(1, self.command.max_attempts))
+        self.meant.setdefault(self.command.cmd_seq, set()).add(wanted)
 
     def exchange(self, outputs: PlcOutputs) -> PlcInputs:
         self._fuse.passes("send.before")
@@ -189,6 +192,8 @@ class Cell(RuleBasedStateMachine):
             if isinstance(item, Ticket):
                 assert self.working_on == 0, "an order while one is under way"
                 assert item.order.request_id not in self.moved, "executed twice"
+                done = (int(item.order.command), item.order.max_attempts)
+                assert done in self.plc.meant[item.order.request_id], "an order nobody has written"
                 self.moved.append(item.order.request_id)
                 self.working_on = item.order.request_id
 
@@ -224,6 +229,34 @@ class Cell(RuleBasedStateMachine):
         self.plc.write(enable=True, cmd_code=3, max_attempts=attempts, crc_used=crc)
         self.turns(2)
         self.plc.write(cmd_seq=self.plc.status.accepted_seq % 9 + 1)
+        self.turns(2)
+
+    @rule(sequence=SEQUENCES)
+    def orders_any_number_with_everything_else_in_order(self, sequence: int) -> None:
+        """Whatever was open is closed; only the number may be wrong."""
+        self.plc.write(abort=False, result_ack_seq=0)
+        self.the_cell_is_ready_or_not(True)
+        self.journal.full = False
+        self.orders_the_next(False, 1)
+        for number in (0, sequence):
+            if self.working_on:
+                self.finish(ResultCode.OK)
+            self.turns(5)
+            if self.plc.status.result_valid:
+                self.takes_the_result()
+            self.turns(2)
+            self.plc.write(cmd_seq=number)
+            self.turns(3)
+
+    @rule(read=st.integers(3, 9))
+    def orders_while_the_read_is_torn(self, read: int) -> None:
+        """The number of the new order with the payload of the old one, in one poll."""
+        self.orders_any_number_with_everything_else_in_order(0)
+        last = self.plc.command.cmd_code
+        self.plc.write(
+            cmd_seq=self.plc.status.accepted_seq % 9 + 1, cmd_code=1 if last == 3 else 3, max_attempts=last
+        )
+        self.a_torn_turn(read, STATUS_WORDS)
         self.turns(2)
 
     @rule(sequence=SEQUENCES)
@@ -316,8 +349,8 @@ class Cell(RuleBasedStateMachine):
 
 
 Cell.TestCase.settings = settings(
-    max_examples=60,
-    stateful_step_count=40,
+    max_examples=40,
+    stateful_step_count=30,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )

@@ -184,7 +184,12 @@ def test_a_driver_that_fails_is_a_lost_camera_and_not_one_that_looks_ready(
 def test_an_owner_that_hangs_is_noticed_by_who_asks(camera: OwnedCamera, source: ScriptedSource) -> None:
     camera.open()
     hold = threading.Event()
-    source.next = lambda timeout_s: hold.wait(10.0) and None  # type: ignore[method-assign,assignment,func-returns-value]
+
+    def hang(timeout_s: float) -> Frame | None:
+        hold.wait(10.0)
+        return None
+
+    source.next = hang  # type: ignore[method-assign]
 
     def refused() -> bool:
         try:

@@ -1,0 +1,59 @@
+"""The whole chain: a simulated cell calibrated from nothing with Mikado's commands only, then the demo."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from tests.fakes.commissioner import Commissioner
+from tests.fakes.simcell import sim_cell
+
+
+def test_a_cell_calibrated_from_nothing_empties_its_tray(tmp_path: Path) -> None:
+    with sim_cell("--sticks", "0", "--speed", "2", "--board", "waved") as cell:
+        person = Commissioner(folder=tmp_path, cell=cell)
+        person.configure()
+        assert not (tmp_path / "calibration.json").exists()
+
+        page = person.mikado(
+            "calibrate", "board", "--columns", "9", "--rows", "7", "--pitch-mm", "20", "--dictionary",
+            "DICT_4X4_50", "--out", "page.pdf",
+        )  # fmt: skip
+        assert page.returncode == 0, page.stdout + page.stderr
+
+        cameras = person.mikado(
+            "calibrate", "cameras", "--config", "cell.yaml", "--board", "board.yaml",
+            "--out", "calibration.json", "--views", "24", "--plot", "cameras.png", "--deadline-s", "400",
+        )  # fmt: skip
+        print(cameras.stdout)
+        assert cameras.returncode == 0, cameras.stdout + cameras.stderr
+
+        cell.ask("board", place="hand")
+        hand_eye = person.mikado(
+            "calibrate", "hand-eye", "--config", "cell.yaml", "--board", "board.yaml", "--dome", "15",
+            "--start-mm", "0", "-330", "130", "--pivot-mm", "0", "115", "0", "--yes", "--save", "session",
+            "--plot", "poses.png",
+        )  # fmt: skip
+        print(hand_eye.stdout)
+        assert hand_eye.returncode == 0, hand_eye.stdout + hand_eye.stderr
+
+        cell.ask("board", place="tray")
+        away = person.mikado("area", "teach", "cell.yaml", "--picture", "area.png")
+        assert away.returncode == 0, away.stdout + away.stderr
+        code, said = person.touch()
+        print(said)
+        assert code == 0, said
+
+    errors = person.camera_error_mm()
+    print(f"floor points against the truth: {np.median(errors):.3f} mm median, {errors.max():.3f} at worst")
+    assert np.median(errors) < 0.5
+    assert errors.max() < 1.0
+
+    demo = person.mikado("demo", "--config", "cell.yaml", "--out", "demo-out", timeout_s=400.0)
+    print(demo.stdout)
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    summary = json.loads((tmp_path / "demo-out" / "summary.json").read_text())
+    assert summary["in_box"] == 12
+    assert summary["picked"] == 12

@@ -1,0 +1,430 @@
+"""Hand-eye from start to verdict: what the poses can tell, the fit, what it is good for, and what is wrong.
+
+Nothing is repaired here. Each thing that can be wrong with a session has a name (`Trouble`), because a small
+residual does not show it: a wrong pitch, a mirrored board or two swapped cameras fit well, or fit badly for a
+reason nobody would guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final, Literal
+
+import numpy as np
+
+from vision import transforms
+from vision.handeye import (
+    ClosedForm,
+    HandEye,
+    Mount,
+    Sighting,
+    camera_from_board,
+    closed_forms,
+    mount_from_held,
+)
+from vision.handeye_fit import Fit, Noise, board_pose, fit, pose_residuals_px
+from vision.types import Floats, StereoModel, Transform, read_only
+
+LEAST_POSES: Final = 6
+ADVISED_POSES: Final = 15
+LEAST_TURN_RAD: Final = np.deg2rad(20.0)
+"""The largest turn between two poses must reach this: below, errors of the arm and of corners are all there
+is."""
+LEAST_SECOND_RAD: Final = np.deg2rad(5.0)
+"""So much the poses must turn about a second axis: with one alone the place along it stays unknown."""
+WRONG_RMS_PX: Final = 2.0
+"""No session whose poses belong together leaves this much."""
+WRONG_POSE_TIMES, WRONG_POSE_PX = 4.0, 0.6
+"""A pose that leaves this many times the median of the others and this much is wrong."""
+SCALE_LEAST, SCALE_SIGMAS = 0.003, 5.0
+"""Three in a thousand: below that a board is printed as well as a rule reads it."""
+PAIRS_TRIED: Final = 7
+PAIR_PX: Final = 1.5
+"""Left and right picture of one board agree within this unless cameras, calibration or pairs are mixed up."""
+
+
+class Trouble(Enum):
+    """What can be wrong with a session. Values are what a person reads first."""
+
+    TOO_FEW = "too few poses"
+    WEAK_MOTION = "the poses turn too little"
+    ONE_AXIS = "the poses turn about one axis only"
+    WRONG_POSE = "a pose does not belong to the others"
+    WRONG_PITCH = "the board is not as large as told"
+    WRONG_RIG = "the cameras' baseline is not as long as calibrated"
+    MIRRORED = "the board is seen mirrored"
+    SWAPPED = "left and right camera are swapped"
+    NOT_A_PAIR = "the two pictures of a pose do not show one board"
+    INVERTED = "the poses are of the base seen from the tool"
+    OTHER_MOUNT = "the camera is mounted the other way than told"
+    NO_FIT = "the poses and the pictures do not belong together"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One trouble: ``value`` against ``limit`` in ``unit``, and which poses (places in the session)."""
+
+    trouble: Trouble
+    value: float
+    limit: float
+    unit: Literal["m", "rad", "px", "1"]
+    poses: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """How far the poses spread: the largest turn between two, what is turned about a second axis (root mean
+    square over all pairs), and the largest distance between two tools."""
+
+    largest_rad: float
+    second_rad: float
+    reach_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Told:
+    """One closed form with what it leaves, px; ``found`` None where it gave up."""
+
+    form: ClosedForm
+    rms_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """A session's outcome. ``fit`` None where nothing could be fitted.
+
+    ``used`` places of the poses the fit rests on; ``pose_px`` (N,) of all poses, NaN where a board has no
+    pose; ``held_out_m`` (N,) how far the board of each pose lies from where all others say it is, its corners
+    on average; ``area_m`` (K,) deviation of points at the pick area when single poses are left out
+    (jackknife), the headline figure; ``findings`` empty for a session that can be used.
+    """
+
+    mount: Mount
+    motion: Motion
+    forms: tuple[Told, ...]
+    fit: Fit | None
+    used: tuple[int, ...]
+    pose_px: Floats
+    held_out_m: Floats
+    area_m: Floats
+    findings: tuple[Finding, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether the result may be used."""
+        return self.fit is not None and not self.findings
+
+
+def motion_of(poses: Sequence[Transform]) -> Motion:
+    """The spread of the arm's poses."""
+    turns, reach = [], 0.0
+    for i, one in enumerate(poses):
+        for other in poses[i + 1 :]:
+            turns.append(transforms.vector_from_matrix(one.rotation.T @ other.rotation))
+            reach = max(reach, float(np.linalg.norm(one.translation - other.translation)))
+    if not turns:
+        return Motion(largest_rad=0.0, second_rad=0.0, reach_m=0.0)
+    vectors = np.array(turns)
+    spread = np.linalg.svd(vectors, compute_uv=False) / np.sqrt(len(vectors))
+    second = float(spread[1]) if len(spread) > 1 else 0.0
+    return Motion(largest_rad=float(np.linalg.norm(vectors, axis=1).max()), second_rad=second, reach_m=reach)
+
+
+def weak(motion: Motion, count: int) -> tuple[Finding, ...]:
+    """What stands against solving at all; asked before any solving."""
+    found = []
+    if count < LEAST_POSES:
+        found.append(Finding(trouble=Trouble.TOO_FEW, value=count, limit=LEAST_POSES, unit="1"))
+    if motion.largest_rad < LEAST_TURN_RAD:
+        found.append(
+            Finding(
+                trouble=Trouble.WEAK_MOTION, value=motion.largest_rad, limit=float(LEAST_TURN_RAD), unit="rad"
+            )
+        )
+    elif motion.second_rad < LEAST_SECOND_RAD:
+        found.append(
+            Finding(
+                trouble=Trouble.ONE_AXIS, value=motion.second_rad, limit=float(LEAST_SECOND_RAD), unit="rad"
+            )
+        )
+    return tuple(found)
+
+
+def calibrate(
+    sightings: Sequence[Sighting],
+    stereo: StereoModel,
+    mount: Mount,
+    area_m: Floats,
+    noise: Noise | None = None,
+) -> Verdict:
+    """The whole way from poses and corners to a verdict.
+
+    Parameters
+    ----------
+    area_m : (K, 3) float
+        Points of the pick area in the left camera's frame: where the error counts.
+    """
+    noise = noise or Noise()
+    count = len(sightings)
+    motion = motion_of([s.base_from_tool for s in sightings])
+    findings = list(weak(motion, count))
+    if findings:
+        return _nothing(mount, motion, count, findings)
+    pair = _pairs(sightings, stereo)
+    if pair is not None:
+        return _nothing(mount, motion, count, [pair])
+    boards = [board_pose(s, stereo) for s in sightings]
+    seen = [k for k, board in enumerate(boards) if board is not None]
+    if len(seen) < LEAST_POSES:
+        few = Finding(trouble=Trouble.TOO_FEW, value=len(seen), limit=LEAST_POSES, unit="1")
+        return _nothing(mount, motion, count, [few])
+    mirrored = _mirrored([board for board in boards if board is not None])
+    if mirrored is not None:
+        findings.append(mirrored)
+    looked = [sightings[k] for k in seen]
+    lying = [boards[k] for k in seen if boards[k] is not None]
+    poses = [board for board in lying if board is not None]
+    helds = [mount_from_held(s, mount) for s in looked]
+    forms = tuple(
+        Told(form=form, rms_px=_rms(looked, stereo, mount, form.found)) for form in closed_forms(helds, poses)
+    )
+    start = _start(looked, poses, stereo, mount)
+    if start is None:
+        return replace(_nothing(mount, motion, count, findings or [_no_fit(float("inf"))]), forms=forms)
+    first = fit(looked, stereo, mount, start, noise)
+    agreed, wrong = _agreeing(looked, stereo, mount, first, noise)
+    result = first if not wrong else fit([looked[k] for k in agreed], stereo, mount, start, noise)
+    scales = 2 if any(len(s.right_px) for s in looked) else 1
+    scaled = fit([looked[k] for k in agreed], stereo, mount, result.found, noise, robust=False, scales=scales)
+    findings += _misunderstood(looked, poses, stereo, mount, result, scaled, len(agreed))
+    if not any(f.trouble in _UNFIT for f in findings):
+        findings += [
+            Finding(
+                trouble=Trouble.WRONG_POSE,
+                value=px,
+                limit=limit,
+                unit="px",
+                poses=(seen[k],),
+            )
+            for k, px, limit in wrong
+        ]
+        findings += _scales(scaled)
+    pose_px = np.full(count, np.nan)
+    pose_px[seen] = pose_residuals_px(looked, stereo, mount, result.found)
+    held_out, area = _left_out(looked, poses, agreed, stereo, mount, result, noise, area_m)
+    held_all = np.full(count, np.nan)
+    held_all[seen] = held_out
+    return Verdict(
+        mount=mount,
+        motion=motion,
+        forms=forms,
+        fit=replace(
+            result,
+            board_scale=scaled.board_scale,
+            rig_scale=scaled.rig_scale,
+            board_scale_sigma=scaled.board_scale_sigma,
+            rig_scale_sigma=scaled.rig_scale_sigma,
+        ),
+        used=tuple(seen[k] for k in agreed),
+        pose_px=read_only(pose_px),
+        held_out_m=read_only(held_all),
+        area_m=read_only(area),
+        findings=tuple(findings),
+    )
+
+
+_STILL: Final = Noise(arm_m=0.0, arm_rad=0.0)
+_UNFIT: Final = frozenset({Trouble.NO_FIT, Trouble.INVERTED, Trouble.OTHER_MOUNT})
+
+
+def _nothing(mount: Mount, motion: Motion, count: int, findings: list[Finding]) -> Verdict:
+    return Verdict(
+        mount=mount,
+        motion=motion,
+        forms=(),
+        fit=None,
+        used=(),
+        pose_px=read_only(np.full(count, np.nan)),
+        held_out_m=read_only(np.full(count, np.nan)),
+        area_m=read_only(np.zeros(0)),
+        findings=tuple(findings),
+    )
+
+
+def _rms(sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, found: HandEye | None) -> float:
+    if found is None:
+        return float("nan")
+    counts = np.array([s.corners for s in sightings])
+    each = pose_residuals_px(sightings, stereo, mount, found)
+    return float(np.sqrt(np.sum(each**2 * counts) / counts.sum()))
+
+
+def _start(
+    sightings: Sequence[Sighting], boards: Sequence[Transform], stereo: StereoModel, mount: Mount
+) -> HandEye | None:
+    """The closed form that the median pose likes best, over all poses and over some that leave a few out: one
+    wrong pose spoils every closed form it is part of."""
+    helds = [mount_from_held(s, mount) for s in sightings]
+    count = len(helds)
+    chosen = [list(range(count)), list(range(0, count, 2)), list(range(1, count, 2))]
+    chosen += [[k for k in range(count) if k % 5 != left] for left in range(5)]
+    best: tuple[float, HandEye] | None = None
+    for places in chosen:
+        if len(places) < 3:
+            continue
+        for form in closed_forms([helds[k] for k in places], [boards[k] for k in places]):
+            if form.found is None:
+                continue
+            cost = float(np.median(pose_residuals_px(sightings, stereo, mount, form.found)))
+            if np.isfinite(cost) and (best is None or cost < best[0]):
+                best = (cost, form.found)
+    return None if best is None else best[1]
+
+
+def _agreeing(
+    sightings: Sequence[Sighting], stereo: StereoModel, mount: Mount, first: Fit, noise: Noise
+) -> tuple[list[int], list[tuple[int, float, float]]]:
+    """Places of the poses that agree, and those that do not with what they leave and the limit, worst first.
+
+    One at a time, and what is left is fitted anew: a wrong pose pulls its neighbours.
+    """
+    wrong: list[tuple[int, float, float]] = []
+    agreed, now = list(range(len(sightings))), first
+    while len(agreed) > LEAST_POSES - 1:
+        each = pose_residuals_px([sightings[k] for k in agreed], stereo, mount, now.found)
+        limit = max(WRONG_POSE_PX, WRONG_POSE_TIMES * float(np.median(each)))
+        worst = int(np.argmax(each))
+        if each[worst] <= limit or len(wrong) >= len(sightings) // 3:
+            break
+        place = agreed.pop(worst)
+        now = fit([sightings[k] for k in agreed], stereo, mount, now.found, noise)
+        left = float(pose_residuals_px([sightings[place]], stereo, mount, now.found)[0])
+        wrong.append((place, left, limit))
+    return agreed, wrong
+
+
+def _no_fit(rms_px: float) -> Finding:
+    return Finding(trouble=Trouble.NO_FIT, value=rms_px, limit=WRONG_RMS_PX, unit="px")
+
+
+def _misunderstood(
+    sightings: Sequence[Sighting],
+    boards: Sequence[Transform],
+    stereo: StereoModel,
+    mount: Mount,
+    result: Fit,
+    scaled: Fit,
+    agreed: int,
+) -> list[Finding]:
+    """Where nothing fits as told, what does: poses the other way round, the other mounting."""
+    if result.rms_px <= WRONG_RMS_PX and agreed > len(sightings) // 2:
+        return []
+    if scaled.rms_px <= 0.5 * WRONG_RMS_PX:  # only the sizes are wrong
+        return []
+    turned = [replace(s, base_from_tool=transforms.invert(s.base_from_tool)) for s in sightings]
+    # the other mounting is the inverted poses, so the two cannot be told apart by numbers: both are named
+    start = _start(turned, boards, stereo, mount)
+    if start is not None:
+        tried = fit(turned, stereo, mount, start, Noise())
+        if tried.rms_px < WRONG_RMS_PX:
+            return [
+                Finding(trouble=Trouble.OTHER_MOUNT, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
+                Finding(trouble=Trouble.INVERTED, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
+            ]
+    return [_no_fit(result.rms_px)]
+
+
+def _scales(scaled: Fit) -> list[Finding]:
+    """Sizes that the arm contradicts."""
+    found = []
+    for trouble, scale, sigma in (
+        (Trouble.WRONG_PITCH, scaled.board_scale, scaled.board_scale_sigma),
+        (Trouble.WRONG_RIG, scaled.rig_scale, scaled.rig_scale_sigma),
+    ):
+        if not np.isfinite(sigma):
+            continue
+        limit = max(SCALE_LEAST, SCALE_SIGMAS * sigma)
+        if abs(scale - 1.0) > limit:
+            found.append(Finding(trouble=trouble, value=scale, limit=limit, unit="1"))
+    return found
+
+
+def _mirrored(boards: Sequence[Transform]) -> Finding | None:
+    """A board has its back to the camera only when its corners are numbered mirrored: paper shows nothing
+    from behind. Its z axis points into it, away from the camera."""
+    away = np.array([board.rotation[2, 2] for board in boards])
+    share = float(np.mean(away < 0))
+    if share <= 0.5:
+        return None
+    return Finding(trouble=Trouble.MIRRORED, value=share, limit=0.5, unit="1")
+
+
+def _pairs(sightings: Sequence[Sighting], stereo: StereoModel) -> Finding | None:
+    """Whether the two pictures of each pose show one board as this pair of cameras would."""
+    both = [s for s in sightings if len(s.left_px) >= 6 and len(s.right_px) >= 6]
+    both = both[:: max(1, len(both) // PAIRS_TRIED)]
+    if not both:
+        return None
+    told = float(np.median([_pair_px(s, stereo) for s in both]))
+    if told <= PAIR_PX:
+        return None
+    swapped = float(np.median([_pair_px(_swap(s), stereo) for s in both]))
+    named = Trouble.SWAPPED if swapped < 0.25 * told else Trouble.NOT_A_PAIR
+    return Finding(trouble=named, value=told, limit=PAIR_PX, unit="px")
+
+
+def _pair_px(sighting: Sighting, stereo: StereoModel) -> float:
+    """What the best pose of the board leaves in both pictures, with the board's size free: its pitch is no
+    business of this test."""
+    pose = board_pose(sighting, stereo)
+    if pose is None:
+        return float("inf")
+    still = HandEye(mount_from_camera=transforms.identity(), held_from_board=pose)
+    alone = replace(sighting, base_from_tool=transforms.identity())
+    free = fit([alone], stereo, "fixed", still, _STILL, robust=False, scales=1)
+    return float(free.pose_px[0])
+
+
+def _swap(sighting: Sighting) -> Sighting:
+    return replace(
+        sighting,
+        board_left_m=sighting.board_right_m,
+        left_px=sighting.right_px,
+        board_right_m=sighting.board_left_m,
+        right_px=sighting.left_px,
+    )
+
+
+def _left_out(
+    sightings: Sequence[Sighting],
+    boards: Sequence[Transform],
+    agreed: Sequence[int],
+    stereo: StereoModel,
+    mount: Mount,
+    result: Fit,
+    noise: Noise,
+    area_m: Floats,
+) -> tuple[Floats, Floats]:
+    """Each pose left out once: how far its board then lies from where the others have it (N,), and the spread
+    of the pick area's points (K,), the jackknife's deviation (Efron and Stein 1981)."""
+    held_out = np.full(len(sightings), np.nan)
+    moved = []
+    for place, sighting in enumerate(sightings):
+        if place in agreed:
+            rest = [sightings[k] for k in agreed if k != place]
+            found = fit(rest, stereo, mount, result.found, noise, robust=False).found
+            moved.append(transforms.apply(found.mount_from_camera, area_m))
+        else:
+            found = result.found
+        points = sighting.board_left_m if len(sighting.left_px) else sighting.board_right_m
+        told = transforms.apply(camera_from_board(found, mount_from_held(sighting, mount)), points)
+        seen = transforms.apply(boards[place], points)
+        held_out[place] = float(np.linalg.norm(told - seen, axis=1).mean())
+    if len(moved) < 2 or not len(area_m):
+        return held_out, np.zeros(0)
+    cloud = np.stack(moved)
+    off = np.sum((cloud - cloud.mean(axis=0)) ** 2, axis=2)
+    spread = np.sqrt((len(moved) - 1) / len(moved) * off.sum(axis=0))
+    return held_out, np.asarray(spread, dtype=np.float64)
