@@ -18,7 +18,7 @@ from cell.calibration import Calibration
 from cell.errors import CalibrationError
 from cell.faults import PictureUnusable
 from cell.pictures import Standing
-from drivers.errors import StaleData
+from drivers.errors import DeviceTimeout, StaleData
 from drivers.interfaces import Robot, StereoRig
 from drivers.timing import Clock
 from drivers.types import FramePair, RobotState
@@ -104,21 +104,25 @@ def grab_from_arm(
         As cameras and arm; `StaleData` when the arm gives no news.
     """
     until = clock.now() + timeout_s
+    moved: str | None = None
     while True:
         before = robot.state()
-        pair = rig.grab_pair(
-            newer_than=max(newer_than, before.read_at), timeout_s=max(0.0, until - clock.now())
-        )
+        try:
+            pair = rig.grab_pair(
+                newer_than=max(newer_than, before.read_at), timeout_s=max(0.0, until - clock.now())
+            )
+        except DeviceTimeout:
+            if moved is None:
+                raise
+            raise PictureUnusable(
+                f"{rig.name}: the arm that carries the cameras moved by {moved} while pictures were taken "
+                f"(allowed {1e3 * STILL_M:g} mm and {1e3 * STILL_RAD:g} mrad); cameras on the arm are for an "
+                "arm that stands"
+            ) from None
         after = _state_since(robot, clock.now(), clock)
         moved = stirred(before, after)
         if moved is None:
             return pair, frames.transform_of(after.tool)
-        if clock.now() >= until:
-            raise PictureUnusable(
-                f"{pair.left.camera}, {pair.right.camera}: the arm that carries them moved by {moved} while "
-                f"pictures were taken (allowed {1e3 * STILL_M:g} mm and {1e3 * STILL_RAD:g} mrad); "
-                "cameras on the arm are for an arm that stands"
-            )
 
 
 def _state_since(robot: Robot, since: float, clock: Clock) -> RobotState:
