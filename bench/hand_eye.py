@@ -1,8 +1,8 @@
 """Hand-eye on rendered poses with truth: our fit beside every closed form, both mountings.
 
 ``python -m bench.hand_eye [--draws 10]`` draws fifteen poses of each set again and again, and prints the
-error of points of the pick area, 400 mm before the left camera. With ``kinhec`` installed (PyPI, no part of the
-project's locks) its reference solvers run on the same draws, from the same board poses.
+error of points of the pick area, 400 mm before the left camera. With ``kinhec`` installed (PyPI, no part of
+the project's locks) its reference solvers run on the same draws, from the same board poses.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from drivers.sim.layout import BoardLayout, WorldLayout
 from drivers.sim.optics import eyes
 
 STILL_EXPOSURES: Final = 4
-"""Whoever holds the board before the cameras moves on when so many pairs of it were taken: a slow machine gets
-as many of each place as a fast one."""
+"""Whoever holds the board before the cameras moves on when so many pairs of it were taken: a slow machine
+gets as many of each place as a fast one."""
 TILT_RAD: Final = 0.6
 
 
