@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: help demo test soak chaos soak-cameras check format bench lock clean
+.PHONY: help demo test lab soak chaos soak-cameras check format bench lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /: /'
@@ -24,7 +24,11 @@ demo: $(VENV)/.run  ## the main job on the simulated cell: a tray of 12 sticks i
 	$(BIN)/mikado demo
 
 test: $(VENV)/.dev  ## all tests that need no hardware
-	$(BIN)/pytest -q -n 2 --dist loadfile
+	$(BIN)/pytest -q -n 2 --dist loadfile --ignore tests/lab
+	$(BIN)/pytest -q -n 0 tests/lab/test_chaos.py tests/lab/test_garbage.py tests/lab/test_soak.py
+
+lab: $(VENV)/.dev  ## short forms of all lab tests, one after the other, with peers that tests/lab/setup.sh installs
+	$(BIN)/pytest -q -n 0 -rs tests/lab
 
 PICKS ?= 200
 soak: $(VENV)/.dev  ## a long run over RTDE, with safety stops in between: 200 picks, half an hour (PICKS=N); a minute of Modbus nonsense

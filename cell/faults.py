@@ -54,8 +54,7 @@ class VisionFailed(Exception):
 
 
 class PictureUnusable(Exception):
-    """A picture cannot be used: black, saturated, flat, blurred, unchanging, in another light than before.
-    Names camera and number."""
+    """A picture cannot be used: black, saturated, flat, blurred or unchanging. Names camera and number."""
 
 
 class CameraMoved(PictureUnusable):

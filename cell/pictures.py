@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import structlog
+
 from cell import calibration, frames
 from cell.calibration import Calibration
 from cell.colours import in_colour
@@ -12,8 +14,11 @@ from cell.faults import CameraMoved, PictureUnusable
 from drivers.types import Frame, FramePair, Pixels
 from vision import epipolar, light, quality, sharpness
 from vision.epipolar import RowResidual
+from vision.light import LightChange
 from vision.stereo import Rectification, rectification
 from vision.types import Grey, PictureFlaw, Plane, Unusable
+
+log = structlog.get_logger()
 
 _SIGMAS = 3.0
 
@@ -40,12 +45,15 @@ class Standing:
 class PictureCheck:
     """Remembers the last pair: a frozen camera serves the same picture with new times, and light changes.
 
-    Without ``standing`` it does not look whether a camera was moved.
+    Without ``standing`` it does not look whether a camera was moved. ``remarks`` on the last pair are no
+    reason to refuse it: the detector does not mind another light, but somebody may have to look at lamp or
+    exposure.
     """
 
     def __init__(self, standing: Standing | None = None) -> None:
         self._standing = standing
         self._last: dict[str, Grey] = {}
+        self.remarks: tuple[str, ...] = ()
 
     def check(self, pair: FramePair) -> tuple[Grey, Grey]:
         """Both pictures in grey, (H, W) uint8.
@@ -58,6 +66,7 @@ class PictureCheck:
         CameraMoved
             The rows of the two pictures do not belong together any more.
         """
+        self.remarks = ()
         left, right = self._check(pair.left), self._check(pair.right)
         if self._standing is not None:
             refuse_moved(self._standing.row_residual(left, right), pair.left.camera, pair.right.camera)
@@ -83,12 +92,18 @@ class PictureCheck:
         self._last[frame.camera] = grey
         change = None if last is None else light.light_change(last, grey)
         if change is not None and change.changed:
-            raise PictureUnusable(
-                f"{frame.camera}: exposure or light changed: {change.share:.0%} of picture {frame.sequence} "
-                f"is {change.factor:.2f} times as bright as the one before (limit {light.CHANGED_FACTOR:.2f} "
-                "times)"
-            )
+            self._remark(frame, change)
         return grey
+
+    def _remark(self, frame: Frame, change: LightChange) -> None:
+        self.remarks = (
+            *self.remarks,
+            f"{frame.camera}: exposure or light changed: {change.share:.0%} of picture {frame.sequence} is "
+            f"{change.factor:.2f} times as bright as the one before (limit {light.CHANGED_FACTOR:.2f} times)",
+        )
+        log.warning(
+            "light_changed", camera=frame.camera, factor=round(change.factor, 2), share=round(change.share, 2)
+        )
 
 
 def refuse_flawed(grey: Grey, what: str) -> None:

@@ -164,7 +164,8 @@ def calibrate(
     Parameters
     ----------
     area_m : (K, 3) float
-        Points of the pick area in the left camera's frame: where the error counts.
+        Points of the pick area in the left camera's frame: where the error counts. None, (0, 3): no pose is
+        left out to tell it, which takes most of the time.
     """
     noise = noise or Noise()
     count = len(sightings)
@@ -410,6 +411,8 @@ def _left_out(
     """Each pose left out once: how far its board then lies from where the others have it (N,), and the spread
     of the pick area's points (K,), the jackknife's deviation (Efron and Stein 1981)."""
     held_out = np.full(len(sightings), np.nan)
+    if not len(area_m):
+        return held_out, np.zeros(0)
     moved = []
     for place, sighting in enumerate(sightings):
         if place in agreed:
@@ -422,7 +425,7 @@ def _left_out(
         told = transforms.apply(camera_from_board(found, mount_from_held(sighting, mount)), points)
         seen = transforms.apply(boards[place], points)
         held_out[place] = float(np.linalg.norm(told - seen, axis=1).mean())
-    if len(moved) < 2 or not len(area_m):
+    if len(moved) < 2:
         return held_out, np.zeros(0)
     cloud = np.stack(moved)
     off = np.sum((cloud - cloud.mean(axis=0)) ** 2, axis=2)

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from drivers.sim.geometry import Floats, pose_matrix, rotation_of, rotvec_of
+from drivers.sim.geometry import Floats, pose_matrix, rotation_of
 from drivers.sim.layout import BoardLayout, WorldLayout
 from drivers.sim.optics import eyes
 
-STILL_S: Final = 2.5
-MOVE_S: Final = 1.0
-"""How long the board held before the cameras is kept still, and how long it takes to the next place."""
+STILL_EXPOSURES: Final = 4
+"""Whoever holds the board before the cameras moves on when so many pairs of it were taken: a slow machine
+gets as many of each place as a fast one."""
 TILT_RAD: Final = 0.6
 
 
@@ -32,7 +32,7 @@ class BoardPlace(Enum):
     WAVED = "waved"
 
 
-def place_of(place: BoardPlace, world: WorldLayout, base_from_tool: Floats, time_s: float) -> Floats | None:
+def place_of(place: BoardPlace, world: WorldLayout, base_from_tool: Floats, exposures: int) -> Floats | None:
     """``base_from_board`` (4, 4) at an instant; None where there is no board."""
     match place:
         case BoardPlace.NOWHERE:
@@ -44,22 +44,7 @@ def place_of(place: BoardPlace, world: WorldLayout, base_from_tool: Floats, time
             tray[:3, 3] = world.tray.centre_m
             return np.asarray(tray @ pose_matrix(world.board.in_tray_m_rad))
         case BoardPlace.WAVED:
-            return _waved(world, time_s)
-
-
-def _waved(world: WorldLayout, time_s: float) -> Floats:
-    """Where the board held before the cameras is."""
-    turn, part = divmod(time_s, STILL_S + MOVE_S)
-    here = _stop(world, int(turn))
-    if part <= STILL_S:
-        return here
-    there = _stop(world, int(turn) + 1)
-    share = (part - STILL_S) / MOVE_S
-    share = share * share * (3.0 - 2.0 * share)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_of(share * rotvec_of(there[:3, :3] @ here[:3, :3].T)) @ here[:3, :3]
-    pose[:3, 3] = (1.0 - share) * here[:3, 3] + share * there[:3, 3]
-    return pose
+            return _stop(world, exposures // STILL_EXPOSURES)
 
 
 def _stop(world: WorldLayout, number: int) -> Floats:

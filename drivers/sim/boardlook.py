@@ -13,8 +13,9 @@ from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import Eye
 from drivers.sim.surfaces import Picture
 
-FINE: Final = 4
-"""Rays per pixel, along each side."""
+RAYS: Final = 16
+"""Per pixel, on a lattice with as many different rows and columns: a square grid of them would move every
+edge that runs along the picture by up to an eighth of a pixel."""
 WHITE, BLACK = 0.62, 0.03
 """Shares of light that paper and toner give back."""
 NEAR_M: Final = 0.02
@@ -27,8 +28,8 @@ class BoardLook:
         self._world = world
         self._pattern: Pattern | None = None
         self._slopes, self._per_u, self._per_v = slopes, per_u, per_v
-        spread = (np.arange(FINE) - 0.5 * (FINE - 1)) / FINE
-        self._offsets = [(du, dv) for dv in spread for du in spread]
+        spread = (np.arange(RAYS) - 0.5 * (RAYS - 1)) / RAYS
+        self._offsets = [(spread[k], spread[7 * k % RAYS]) for k in range(RAYS)]
 
     def paint(
         self, linear: Picture, nearest: npt.NDArray[np.float32], camera_from_board: Floats, eye: Eye

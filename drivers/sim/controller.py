@@ -177,6 +177,7 @@ class Controller:
                 or now - last.captured_at > EXPOSURE_KEPT_S
             ):
                 number = 1 if last is None else last.number + 1
+                self._world.exposures += 1
                 last = _Exposure(number=number, snapshot=self._world.snapshot(), captured_at=now)
                 self._exposure = last
             state.developed = last.number

@@ -79,6 +79,7 @@ class World:
         self.drop_next = False
         self.miss_next = False
         self.board = BoardPlace.NOWHERE
+        self.exposures = 0
         self._lying = drop_pile(kind, layout.tray, self._rng)
         self._next_number = len(self._lying)
         self._pile_version = 0
@@ -118,7 +119,7 @@ class World:
             q=self.arm.q.copy(),
             base_from_tool=tool,
             jaw_gap_m=gap,
-            base_from_board=place_of(self.board, self.layout, tool, self.time_s),
+            base_from_board=place_of(self.board, self.layout, tool, self.exposures),
         )
 
     def _held_stick(self) -> Stick | None:

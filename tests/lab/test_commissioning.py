@@ -12,7 +12,7 @@ from tests.fakes.simcell import sim_cell
 
 
 def test_a_cell_calibrated_from_nothing_empties_its_tray(tmp_path: Path) -> None:
-    with sim_cell("--sticks", "0", "--speed", "2", "--board", "waved") as cell:
+    with sim_cell("--sticks", "0", "--speed", "4", "--board", "waved") as cell:
         person = Commissioner(folder=tmp_path, cell=cell)
         person.configure()
         assert not (tmp_path / "calibration.json").exists()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -91,13 +93,17 @@ def test_a_blurred_picture_is_refused_with_its_blur_in_pixels() -> None:
     PictureCheck().check(pair(blurred(LEFT[0], 1.0), RIGHT[0]))
 
 
-def test_another_exposure_is_said_once_and_then_is_the_one_to_compare_with() -> None:
+def test_another_exposure_is_remarked_once_and_is_no_reason_to_refuse() -> None:
     check = PictureCheck()
     check.check(pair(LEFT[0], RIGHT[0]))
     brighter = [np.asarray(cv2.convertScaleAbs(one, alpha=1.6), np.uint8) for one in LEFT]
-    with pytest.raises(PictureUnusable, match=r"camera\.left: exposure or light changed: .* 1\.[56]\d times"):
-        check.check(pair(brighter[1], RIGHT[1]))
+    check.check(pair(brighter[1], RIGHT[1]))
+    assert len(check.remarks) == 1
+    assert re.match(
+        r"camera\.left: exposure or light changed: .* is 1\.[56]\d times as bright", check.remarks[0]
+    )
     check.check(pair(brighter[2], RIGHT[2]))
+    assert list(check.remarks) == []
 
 
 def test_a_camera_that_was_moved_is_named_with_the_rows_it_is_off() -> None:

@@ -24,8 +24,12 @@ def session(request: pytest.FixtureRequest) -> Session:
     return boardrig.made(mount)
 
 
+NOWHERE = np.zeros((0, 3))
+
+
 def solved(session: Session) -> Verdict:
-    return calibrate(session.sightings, session.stereo, session.mount, AREA)
+    """Without the pick area's error, which takes most of the time."""
+    return calibrate(session.sightings, session.stereo, session.mount, NOWHERE)
 
 
 def troubles(verdict: Verdict) -> set[Trouble]:
@@ -33,7 +37,7 @@ def troubles(verdict: Verdict) -> set[Trouble]:
 
 
 def test_the_camera_is_found_and_the_error_foretold(session: Session) -> None:
-    verdict = solved(session)
+    verdict = calibrate(session.sightings, session.stereo, session.mount, AREA)
     assert verdict.good
     assert verdict.fit is not None
     errors = boardrig.errors_mm(verdict.fit.found, session.truth, AREA)
