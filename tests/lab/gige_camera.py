@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.settings import SimCameraSettings
-from drivers.sim.devices import SimCamera
+from drivers.sim.devices import Link, SimCamera
 from drivers.timing import MonotonicClock
 from tests.lab import stamp
 
@@ -132,15 +132,44 @@ def of_file(path: Path) -> Callable[[], Picture]:
     return lambda: still
 
 
-def of_cell(port: int, eye: str) -> Callable[[], Picture]:
-    """What an eye of the simulated cell sees now."""
-    settings = SimCameraSettings.model_validate(
-        {"driver": "sim", "port": port, "eye": eye, "width_px": 640, "height_px": 480}
-    )
-    clock = MonotonicClock()
-    camera = SimCamera(f"peer.{eye}", settings, clock)
-    camera.open()
-    return lambda: camera.grab(newer_than=clock.now(), timeout_s=60.0).pixels
+class CellEye:
+    """What an eye of the simulated cell sees now.
+
+    Drawing takes a busy machine a second, in which the camera, which has one thread for all, answers nobody.
+    So a picture is drawn only when arm, jaws or parts are elsewhere than in the last one; and while the arm
+    moves all is black: a frame of that time must never be looked at.
+    """
+
+    def __init__(self, port: int, eye: str) -> None:
+        self._clock = MonotonicClock()
+        settings = SimCameraSettings.model_validate(
+            {"driver": "sim", "port": port, "eye": eye, "width_px": 640, "height_px": 480}
+        )
+        self._camera = SimCamera(f"peer.{eye}", settings, self._clock)
+        self._camera.open()
+        self._onlooker = Link(f"peer.{eye}", settings.host, port, self._clock)
+        self._onlooker.open()
+        self._shown: tuple[str, Picture] | None = None
+
+    def __call__(self) -> Picture:
+        seen = self._places()
+        if seen is None:
+            return np.zeros((480, 640, 3), dtype=np.uint8)
+        if self._shown is not None and self._shown[0] == seen:
+            return self._shown[1]
+        picture = self._camera.grab(newer_than=self._clock.now(), timeout_s=60.0).pixels
+        self._shown = (seen, picture) if self._places() == seen else None
+        return picture
+
+    def _places(self) -> str | None:
+        """Where everything stands; None while the arm moves."""
+        arm = self._onlooker.ask("state", {}, 60.0)
+        if arm.flag("moving"):
+            return None
+        joints = [round(q, 5) for q in arm.six("q_rad")]
+        parts = self._onlooker.ask("truth", {}, 60.0).values
+        jaws = self._onlooker.ask("grip", {}, 60.0).text("grip")
+        return json.dumps([joints, parts, jaws])
 
 
 def main() -> None:
@@ -155,7 +184,7 @@ def main() -> None:
     wanted = parser.parse_args()
     if (wanted.picture is None) == (wanted.cell is None):
         parser.error("one of --picture and --cell is needed")
-    picture = of_file(wanted.picture) if wanted.cell is None else of_cell(wanted.cell, wanted.eye)
+    picture = of_file(wanted.picture) if wanted.cell is None else CellEye(wanted.cell, wanted.eye)
     if wanted.netns is not None:
         enter(wanted.netns)
     painter = Painter(picture)

@@ -33,7 +33,8 @@ def written(folder: Path, host: str, plc_port: int) -> Path:
                 "height_px": 480,
                 "exposure_us": 5000,
                 "trigger": "software",
-                "lost_s": 20.0,  # drawing a picture takes a busy machine seconds
+                "lost_s": 5.0,
+                "lag_s": 0.2,
                 "packet_size": 8000,
             }
             for eye in gige.EYES
@@ -56,6 +57,8 @@ def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
         gige.peers(net, ("--cell", str(cell.port)), ("--cell", str(cell.port))),
         ur_controller("--payload", "0.9", "--world-port", str(cell.port)) as arm,
     ):
+        gige.first_in_line(cell.process.pid)
+        gige.first_in_line(arm.process.pid)
         port, out = free_port(), tmp_path / "plc.json"
         plc = subprocess.Popen(
             [
