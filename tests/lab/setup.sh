@@ -19,4 +19,6 @@ DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$
 cd "$(dirname "$0")/../.."
 if [ -x .venv/bin/python ]; then
     .venv/bin/python -m pip --disable-pip-version-check install --quiet -r requirements/gige.txt
+    # a camera that sends packets again (tests/lab/test_gige_resend.py)
+    .venv/bin/python -m pip --disable-pip-version-check install --quiet --no-deps viva-genicam==0.10.0
 fi
