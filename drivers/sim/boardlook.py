@@ -14,8 +14,8 @@ from drivers.sim.optics import Eye
 from drivers.sim.surfaces import Picture
 
 RAYS: Final = 16
-"""Per pixel, on a lattice with as many different rows and columns: a square grid of them would move every edge
-that runs along the picture by up to an eighth of a pixel."""
+"""Per pixel, on a lattice with as many different rows and columns: a square grid of them would move every
+edge that runs along the picture by up to an eighth of a pixel."""
 WHITE, BLACK = 0.62, 0.03
 """Shares of light that paper and toner give back."""
 NEAR_M: Final = 0.02
