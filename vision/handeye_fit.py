@@ -110,6 +110,37 @@ class _Problem:
         seen = self.seen(start, step)
         return np.concatenate([(a - b).ravel() for a, b in zip(seen, self.pixels, strict=True)])
 
+    def slopes(self, start: HandEye, step: Floats) -> Floats:
+        """(2 corners, 12 + scales) px per unit of ``step``: the derivative of `apart`."""
+        turned, board = _moved(start.mount_from_camera, step[:6]), _moved(start.held_from_board, step[6:12])
+        size = 1.0 + (step[12] if self.scales else 0.0)
+        rig = 1.0 + (step[13] if self.scales > 1 else 0.0)
+        back, at_turn, at_board = _turn_back(step[:3]), _right_jacobian(step[:3]), _right_jacobian(step[6:9])
+        blocks = []
+        for eye, model in enumerate((self.stereo.left, self.stereo.right)):
+            points, which = self.points[eye], self.pose[eye]
+            if not len(points):
+                continue
+            held = size * points @ board.rotation.T + board.translation
+            mounted = np.einsum("nij,nj->ni", self.rotation[which], held) + self.shift[which]
+            seen = (mounted - turned.translation) @ turned.rotation
+            by = np.zeros((len(points), 3, self.size))
+            by[:, :, :3] = _cross(seen) @ at_turn
+            by[:, :, 3:6] = -back
+            lead = np.einsum("ji,njk->nik", turned.rotation, self.rotation[which])
+            by[:, :, 6:9] = lead @ (-size * board.rotation @ _cross(points) @ at_board)
+            by[:, :, 9:12] = lead @ start.held_from_board.rotation
+            if self.scales:
+                by[:, :, 12] = np.einsum("nij,nj->ni", lead, points @ board.rotation.T)
+            if eye == 1:
+                motion = self.stereo.right_from_left
+                by = motion.rotation @ by
+                if self.scales > 1:
+                    by[:, :, 13] = motion.translation
+                seen = seen @ motion.rotation.T + rig * motion.translation
+            blocks.append((_pixel_slopes(seen, model) @ by).reshape(-1, self.size))
+        return np.concatenate(blocks)
+
     def arm_slopes(self, start: HandEye) -> Floats:
         """(2 corners, 6) px per rad and m of each corner's own tool pose."""
         columns = []
@@ -157,6 +188,7 @@ def fit(
         solved = least_squares(
             plain,
             np.zeros(problem.size),
+            jac=lambda step: problem.slopes(start, step) / noise.corner_px,
             loss="cauchy",
             f_scale=3.0,
             x_scale="jac",
@@ -169,7 +201,11 @@ def fit(
         apart = problem.apart(begin, step)
         return np.concatenate([weight @ apart[rows] for rows, weight in weights])
 
-    solved = least_squares(weighed, np.zeros(problem.size), x_scale="jac", max_nfev=30)
+    def weighed_slopes(step: Floats) -> Floats:
+        slopes = problem.slopes(begin, step)
+        return np.concatenate([weight @ slopes[rows] for rows, weight in weights])
+
+    solved = least_squares(weighed, np.zeros(problem.size), jac=weighed_slopes, x_scale="jac", max_nfev=30)
     step = np.asarray(solved.x, dtype=np.float64)
     found = _stepped(begin, step)
     jacobian = np.asarray(solved.jac, dtype=np.float64)
@@ -236,9 +272,13 @@ def board_pose(sighting: Sighting, stereo: StereoModel) -> Transform | None:
         def apart(step: Floats, still: HandEye = still) -> Floats:
             return problem.apart(still, _board_only(step))
 
+        def slopes(step: Floats, still: HandEye = still) -> Floats:
+            return problem.slopes(still, _board_only(step))[:, 6:12]
+
         solved = least_squares(
             apart,
             np.zeros(6),
+            jac=slopes,
             method="lm",
             ftol=1e-10,
             xtol=1e-10,
@@ -325,3 +365,45 @@ def _moved(pose: Transform, step: Floats) -> Transform:
     return transforms.make(
         transforms.nearest_rotation(rotation), pose.translation + pose.rotation @ step[3:6]
     )
+
+
+def _cross(vectors: Floats) -> Floats:
+    """(N, 3, 3) matrices that take w to v x w."""
+    cross = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    return cross
+
+
+def _turn_back(turn: Floats) -> Floats:
+    return transforms.matrix_from_vector(turn).T
+
+
+def _right_jacobian(turn: Floats) -> Floats:
+    """(3, 3) that takes a small change of a rotation vector to the turn it adds in its own frame (Chirikjian,
+    Stochastic Models, Information Theory, and Lie Groups 2, 2012, eq. 10.86)."""
+    angle = float(np.linalg.norm(turn))
+    cross = _cross(turn[None])[0]
+    if angle < 1e-6:
+        return np.asarray(np.eye(3) - 0.5 * cross, dtype=np.float64)
+    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) - first * cross + second * cross @ cross, dtype=np.float64)
+
+
+def _pixel_slopes(points_m: Floats, camera: CameraModel) -> Floats:
+    """(N, 2, 3) px per metre of points in a camera's frame, where `project_any` puts them."""
+    points = points_m.copy()
+    points[:, 2] = np.maximum(points[:, 2], 1e-3)
+    still = np.zeros((3, 1))
+    _, jacobian = cv2.projectPoints(points.reshape(-1, 1, 3), still, still, camera.matrix, camera.distortion)
+    slopes = np.asarray(jacobian, dtype=np.float64)[:, 3:6].reshape(-1, 2, 3).copy()
+    ratios = points[:, :2] / points[:, 2:]
+    far = np.hypot(ratios[:, 0], ratios[:, 1]) > 1.5 * _widest_slope(camera)
+    straight = np.zeros((len(points), 2, 3))
+    for axis in (0, 1):
+        straight[:, axis, axis] = camera.matrix[axis, axis] / points[:, 2]
+        straight[:, axis, 2] = -camera.matrix[axis, axis] * ratios[:, axis] / points[:, 2]
+    slopes[far] = straight[far]
+    slopes[points_m[:, 2] < 1e-3, :, 2] = 0.0
+    return slopes

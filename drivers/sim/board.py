@@ -53,7 +53,7 @@ def _stop(world: WorldLayout, number: int) -> Floats:
     rng = np.random.default_rng(1000 + number)
     middle = 0.5 * (left.base_from_camera[:3, 3] + right.base_from_camera[:3, 3])
     width, height = (s * world.board.square_m for s in world.board.squares)
-    far = rng.uniform(0.75, 1.0) * 1.5 * max(width, height)
+    far = rng.uniform(1.2, 2.1) * max(width, height)
     half_x, half_y = 0.5 * left.width_px / left.focal_px, 0.5 * left.height_px / left.focal_px
     # to the rim of the picture and a little beyond, in turn to all its sides
     angle = 2.399963 * number
