@@ -185,10 +185,13 @@ def fit(
         def plain(step: Floats) -> Floats:
             return problem.apart(start, step) / noise.corner_px
 
+        def slopes(step: Floats) -> Floats:
+            return problem.slopes(start, step) / noise.corner_px
+
         solved = least_squares(
             plain,
             np.zeros(problem.size),
-            jac=lambda step: problem.slopes(start, step) / noise.corner_px,
+            jac=slopes,
             loss="cauchy",
             f_scale=3.0,
             x_scale="jac",
