@@ -77,7 +77,7 @@ class OpencvSource:
             capture.release()
 
     def next(self, timeout_s: float) -> Frame | None:
-        """The next picture; None when none came in time.
+        """The newest picture that is ready, or the next to come; None when none came in time.
 
         Raises
         ------
@@ -96,8 +96,14 @@ class OpencvSource:
             if not self._settings.device.exists():
                 raise self._gone()
             return None
-        done, decoded = capture.read()
-        if not done or decoded is None:
+        done = capture.grab()
+        # what waited in the queue meanwhile is older; only the newest is decoded
+        for _ in range(self._settings.buffers):
+            if not done or not cv2.VideoCapture.waitAny([capture], 1)[0]:
+                break
+            done = capture.grab()
+        got, decoded = capture.retrieve() if done else (False, None)
+        if not got or decoded is None:
             raise self._gone()
         captured_at = float(capture.get(cv2.CAP_PROP_POS_MSEC)) * 1e-3
         now = self._clock.now()

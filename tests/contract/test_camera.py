@@ -84,6 +84,9 @@ def webcam(capture: str, device: Path = WEBCAM) -> Camera:
             "width_px": 640,
             "height_px": 480,
             "exposure_us": 5000,
+            # what an emulated machine can decode, and slow is not lost there
+            "rate_hz": 5,
+            "lost_s": 5.0,
         }
     )
     return Factory(CLOCK).camera("camera.left", settings)
