@@ -97,7 +97,7 @@ def network() -> Iterator[Network]:
 
 
 def first_in_line(pid: int) -> None:
-    """What stands for hardware does not wait for the programs under test: a camera has a processor of its own."""
+    """What stands for hardware does not wait for the programs under test: a camera has its own processor."""
     for task in Path(f"/proc/{pid}/task").iterdir():
         os.setpriority(os.PRIO_PROCESS, int(task.name), -15)
 
