@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -14,10 +16,13 @@ import yaml
 from tests.fakes.simcell import sim_cell
 from tests.fakes.ur_controller import ur_controller
 from tests.lab import gige
-from tests.system.processes import DEMO, ROOT, START_S, daemon, free_port
+from tests.lab.test_soak import UNPLANNED, recover
+from tests.system.processes import DEMO, START_S, HandPlc, daemon, hand_plc
 
 STICKS = 12
 MOST_S = 900.0
+BUSY = UNPLANNED | {0, 201, 202, 204, 601, 602}
+"""Faults of a machine that is too busy for its simulated devices: lost or late cameras, arm, PLC."""
 
 
 def written(folder: Path, host: str, plc_port: int) -> Path:
@@ -43,6 +48,9 @@ def written(folder: Path, host: str, plc_port: int) -> Path:
     data["cameras"]["look_timeout_s"] = 40.0
     data["robot"], data["gripper"] = {**arm["robot"], "host": host}, arm["gripper"]
     data["plc"]["port"] = plc_port
+    data["motion"]["joints"].update(speed_rad_s=2.5, accel_rad_s2=6.0)
+    data["motion"]["travel"].update(speed_m_s=1.0, accel_m_s2=3.0)
+    data["motion"]["approach"].update(speed_m_s=0.4, accel_m_s2=2.0)
     data["files"] = {"calibration": str(DEMO.parent / "calibration.json"), "journal": "journal.sqlite"}
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
@@ -51,38 +59,46 @@ def written(folder: Path, host: str, plc_port: int) -> Path:
 
 def test_a_tray_is_emptied_with_every_device_on_a_wire(tmp_path: Path) -> None:
     gige.require()
+    faults: Counter[int] = Counter()
     with (
         gige.network() as net,
         sim_cell("--sticks", str(STICKS), "--seed", "7") as cell,
         gige.peers(net, ("--cell", str(cell.port)), ("--cell", str(cell.port))),
         ur_controller("--payload", "0.9", "--world-port", str(cell.port)) as arm,
+        hand_plc() as plc,
+        daemon(written(tmp_path, arm.host, plc.port)) as running,
     ):
-        gige.first_in_line(cell.process.pid)
-        gige.first_in_line(arm.process.pid)
-        port, out = free_port(), tmp_path / "plc.json"
-        plc = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "drivers.sim.plc", "--port", str(port)),
-                *("--orders", "until-empty", "--deadline-s", "300", "--out", str(out)),
-            ],
-            cwd=ROOT,
-            stdout=subprocess.DEVNULL,
-        )
-        try:
-            with daemon(written(tmp_path, arm.host, port)) as running:
-                running.wait_for("state_changed", 4 * START_S, after="IDLE")
-                assert plc.wait(MOST_S) == 0, out.read_text()
-                picked = [line for line in running.events("pick_finished") if line["outcome"] == "PICKED"]
-                skews = [float(str(line["skew_s"])) for line in running.events("look_finished")]
-                assert running.terminate()[0] == 0
-        finally:
-            if plc.poll() is None:
-                plc.kill()
-                plc.wait(5.0)
-        assert cell.count("in_box") == STICKS
-        assert len(picked) == STICKS
-        assert json.loads(out.read_text())["handshake_errors"] == []
-    print(f"\n{len(picked)} of {STICKS} picked; skew of {len(skews)} pairs: {sorted(skews)}")
+        running.wait_for("state_changed", 4 * START_S, after="IDLE")
+        plc.enable()
+        began_at = time.monotonic()
+        while cell.count("in_box") < STICKS:
+            assert time.monotonic() - began_at < MOST_S, f"{cell.count('in_box')} in the box, faults {faults}"
+            if not plc.status.ready:
+                faults[plc.status.fault_code] += 1
+                recover(plc, arm)
+            number = plc.order(attempts=3)
+            plc.wait(lambda s, n=number: s.accepted_seq == n, "an answer")  # type: ignore[misc]
+            if plc.status.ack_code == 0:
+                plc.result(number, within_s=120.0)
+            settle(plc)
+        took_s = time.monotonic() - began_at
+        skews = sorted(float(str(line["skew_s"])) for line in running.events("look_finished"))
+        assert set(faults) <= BUSY
+        assert plc.violations == []
+        assert cell.count("lost") == 0
+        assert cell.count("in_tray") == 0
+        assert running.terminate()[0] == 0
+    print(
+        f"\n{STICKS} of {STICKS} in the box after {took_s:.0f} s; faults: {dict(faults)}; "
+        f"skew of {len(skews)} pairs: median {1e3 * skews[len(skews) // 2]:.1f} ms, largest {1e3 * skews[-1]:.1f}"
+    )
+
+
+def settle(plc: HandPlc) -> None:
+    """Until the cell is ready for the next order, or says why not."""
+    ends_at = time.monotonic() + 20.0
+    while not plc.status.ready and not plc.status.fault and time.monotonic() < ends_at:
+        time.sleep(0.02)
 
 
 def test_a_look_over_the_wire_finds_the_sticks_of_the_scene(tmp_path: Path) -> None:
