@@ -62,7 +62,7 @@ def made(
     else:
         truth = transforms.make(transforms.matrix_from_vector([0.02, -0.03, 0.3]), [0.05, -0.02, 0.06])
         held = transforms.make(transforms.matrix_from_vector([0.02, 0.01, 0.4]) @ eye, [0.4, 0.1, 0.02])
-    sightings = []
+    sightings: list[Sighting] = []
     while len(sightings) < poses:
         direction = rng.uniform(0, 2 * np.pi)
         tilt = tilt_rad * rng.uniform(0.4, 1.0)
@@ -118,7 +118,7 @@ def errors_mm(found: HandEye | None, truth: Transform, area_m: Floats) -> Floats
     if found is None:
         return np.full(len(area_m), np.nan)
     away = transforms.apply(found.mount_from_camera, area_m) - transforms.apply(truth, area_m)
-    return 1e3 * np.linalg.norm(away, axis=1)
+    return np.asarray(1e3 * np.linalg.norm(away, axis=1), dtype=np.float64)
 
 
 def swapped(sighting: Sighting) -> Sighting:
