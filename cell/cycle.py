@@ -206,7 +206,7 @@ def _find(station: Station, sight: _Sight, observe: Observer) -> Scene:
         sight.right,
         station.stereo,
         sight.part.model(),
-        station.tuning,
+        sight.part.tuned(station.tuning),
         station.table,
         observe=observe,
         colour_left=sight.colour,
@@ -226,6 +226,7 @@ def _plans(station: Station, sight: _Sight, scene: Scene) -> tuple[Plan, ...]:
         reach_of(station.kinematics, station.robot.state().joints),
         sight.part.code,
         max(part.diameter_m for part in (sight.part, *sight.among)),
+        sight.part.grasp,
     )
 
 

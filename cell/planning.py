@@ -19,6 +19,7 @@ import numpy as np
 from cell import frames
 from cell.config import JawsConfig, WorkspaceConfig
 from cell.missed import MissedParts
+from cell.products import GraspConfig
 from cell.types import Pick
 from vision import transforms
 from vision.types import Candidate, Floats, Refusal, Scene, Transform
@@ -80,6 +81,7 @@ def plan_picks(
     reach: Reach,
     code: int | None = None,
     thickest_m: float | None = None,
+    grasp: GraspConfig | None = None,
 ) -> tuple[Plan, ...]:
     """Plan every offered candidate of a product, in the detector's order.
 
@@ -107,6 +109,8 @@ def plan_picks(
         The product that is asked for, where several lie in one heap; None: every candidate is.
     thickest_m
         Of the heap's products, where they differ: what an obstacle is taken for.
+    grasp
+        Where the product is gripped, if not near its middle, and from how high.
     """
     obstacles = _obstacles(scene, base_from_camera)
     thickest = diameter_m if thickest_m is None else thickest_m
@@ -119,7 +123,10 @@ def plan_picks(
                 continue
             start, end = transforms.apply(base_from_camera, np.stack([candidate.start, candidate.end]))
             near = _sampled(_others(start, end, obstacles, diameter_m))
-            plan = _plan(candidate, start, end, near, workspace, jaws, diameter_m, thickest, tool, missed)
+            plan = _plan(
+                candidate, start, end, near, workspace, jaws, diameter_m, thickest, tool, missed,
+                grasp or GraspConfig(),
+            )  # fmt: skip
             plans.append(_judged(plan, reach))
     return _ranked(plans)
 
@@ -173,6 +180,7 @@ def _plan(
     thickest_m: float,
     tool: Transform,
     missed: MissedParts,
+    wanted: GraspConfig,
 ) -> Plan:
     length = float(np.linalg.norm(end - start))
     axis = (end - start) / max(length, 1e-9)
@@ -192,7 +200,7 @@ def _plan(
     best_room = -math.inf
     outside = math.inf
     chosen: tuple[int, Pick] | None = None
-    for aside, along in _offsets(length, jaws, diameter_m):
+    for aside, along in _offsets(length, jaws, diameter_m, wanted):
         tool_point = (start + end) / 2 + along * axis + aside * across
         tool_point[2] = max(tool_point[2] - jaws.below_axis_m, lowest)
         tips = tool_point - beyond_tool
@@ -206,7 +214,7 @@ def _plan(
         if room < jaws.min_clearance_m:
             continue
         gap_free = _gap(near, jaws) > thickest_m / 2
-        pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace)
+        pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace, wanted)
         doubts = 2 * missed.grip(pick.grasp) + (not gap_free)
         if chosen is None or doubts < chosen[0]:
             chosen = doubts, pick
@@ -228,13 +236,16 @@ def _pick(
     room: float,
     gap_free: bool,
     workspace: WorkspaceConfig,
+    wanted: GraspConfig,
 ) -> Pick:
     grasp = frames.tool_down(tool_point, yaw)
+    approach_m = wanted.approach_height_m or workspace.approach_height_m
+    retreat_m = wanted.retreat_height_m or approach_m
     return Pick(
         rank=1,
-        approach=frames.raised(grasp, grasp.z + workspace.approach_height_m),
+        approach=frames.raised(grasp, grasp.z + approach_m),
         grasp=grasp,
-        retreat=frames.raised(grasp, max(workspace.travel_z_m, grasp.z + workspace.approach_height_m)),
+        retreat=frames.raised(grasp, max(workspace.travel_z_m, grasp.z + retreat_m)),
         clearance_m=room,
         gap_free=gap_free,
         score=candidate.score,
@@ -249,14 +260,27 @@ def _nearest_yaw(yaw_rad: float, tool: Transform) -> float:
     return now + turn
 
 
-def _offsets(length_m: float, jaws: JawsConfig, diameter_m: float) -> list[tuple[float, float]]:
-    """Grip positions (aside, along) m: along the part from its middle outwards, nearest first.
+def _offsets(
+    length_m: float, jaws: JawsConfig, diameter_m: float, wanted: GraspConfig
+) -> list[tuple[float, float]]:
+    """Grip positions (aside, along) m from the part's middle: those nearest to the wanted place first.
 
     Those with the part in the middle between the jaws come first. After them the hand stands aside, the part
     nearer to one finger, by as much as the opening leaves after `_ASIDE_MARGIN_M`.
     """
-    reach = int(_OFF_CENTRE * length_m / _STEP_M)
-    along = sorted((k * _STEP_M for k in range(-reach, reach + 1)), key=abs)
+    slack = _OFF_CENTRE * length_m if wanted.slack_m is None else wanted.slack_m
+    reach = int(slack / _STEP_M)
+    sides = (1, -1) if wanted.from_middle_m > 0 else (1,)
+    farthest = max(_OFF_CENTRE * length_m, wanted.from_middle_m)
+    along = sorted(
+        {
+            round(side * wanted.from_middle_m + k * _STEP_M, 9)
+            for side in sides
+            for k in range(-reach, reach + 1)
+            if abs(side * wanted.from_middle_m + k * _STEP_M) <= farthest
+        },
+        key=lambda at: (abs(abs(at) - wanted.from_middle_m), at),
+    )
     room = max(0.0, (jaws.opening_m - diameter_m) / 2 - _ASIDE_MARGIN_M)
     aside = sorted(
         (side * k * room / _ASIDE_STEPS for k in range(1, _ASIDE_STEPS + 1) for side in (-1, 1)), key=abs

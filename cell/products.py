@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Final, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from drivers.settings import Settings
-from vision.types import ColourRange, PartModel
+from vision.types import ColourRange, PartModel, Tuning
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Grey = Annotated[int, Field(ge=0, le=255)]
 
 TOLD_BY_WIDTH: Final = 1.4
 """Of two parts, one this many times as thick as the other is refused as the other by its width."""
@@ -69,6 +71,23 @@ def _turns_into(one_deg: tuple[float, float], other_deg: tuple[float, float]) ->
     return low <= first <= high if low <= high else first >= low or first <= high
 
 
+class GraspConfig(Settings):
+    """Where along a part it is gripped, and the way there and away. Left out, the middle is best."""
+
+    from_middle_m: NonNegativeFloat = Field(
+        default=0.0, description="best place, from the part's middle; either side counts alike"
+    )
+    slack_m: NonNegativeFloat | None = Field(
+        default=None, description="how far from there the jaws may look for room (default: 0.4 of length_m)"
+    )
+    approach_height_m: PositiveFloat | None = Field(
+        default=None, description="instead of workspace.approach_height_m, for this part"
+    )
+    retreat_height_m: PositiveFloat | None = Field(
+        default=None, description="the part is lifted at least so high before the arm travels"
+    )
+
+
 class PartConfig(Settings):
     """One product. A straight stick is given by its length and diameter."""
 
@@ -81,12 +100,31 @@ class PartConfig(Settings):
         default=None, description="where parts of one size differ in colour; needs a left camera in colour"
     )
 
+    band: tuple[Grey, Grey] | None = Field(
+        default=None, description="published method: grey values that count as this part (`product teach`)"
+    )
+    thinning_end_m: float = Field(
+        default=0.0,
+        description="published method: what thinning takes from each end, or adds (`product teach`)",
+    )
+
+    grasp: GraspConfig | None = Field(default=None, description="where it is gripped (`product grasp`)")
+
     @model_validator(mode="after")
     def _plausible(self) -> Self:
+        if self.grasp is not None and self.grasp.from_middle_m >= self.length_m / 2:
+            raise ValueError(
+                f"grasp.from_middle_m {self.grasp.from_middle_m} is beyond the end: half of length_m is "
+                f"{self.length_m / 2}"
+            )
         if self.length_m > 2.0:
             raise ValueError(f"length_m {self.length_m} is over 2 m: lengths are in metres, not millimetres")
         if self.diameter_m >= self.length_m:
             raise ValueError(f"diameter_m {self.diameter_m} is not below length_m {self.length_m}")
+        if abs(self.thinning_end_m) >= self.length_m / 4:
+            raise ValueError(f"thinning_end_m {self.thinning_end_m}: over a quarter of length_m")
+        if self.band is not None and self.band[0] >= self.band[1]:
+            raise ValueError(f"band is empty: min {self.band[0]} is not below max {self.band[1]}")
         if self.length_tolerance_m >= self.length_m / 2:
             raise ValueError(f"length_tolerance_m {self.length_tolerance_m} is over half of length_m")
         return self
@@ -109,4 +147,11 @@ class PartConfig(Settings):
             length_tolerance_m=self.length_tolerance_m,
             diameter_m=self.diameter_m,
             colour=None if self.colour is None else self.colour.range(),
+            thinning_end_m=self.thinning_end_m,
         )
+
+    def tuned(self, tuning: Tuning) -> Tuning:
+        """The gates for a look at this product: its own band where the published method has none."""
+        if tuning.method == "published" and tuning.band is None:
+            return replace(tuning, band=self.band)
+        return tuning

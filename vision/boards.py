@@ -143,10 +143,12 @@ def detect(grey: Grey, board: Board) -> Corners | None:
     spacing = spacing_px(ids, pixels, board)
     if spacing is None:
         return None
-    # As wide a window as fits between the corners: noise falls with its area. Beside the corner of a ChArUco
-    # board stand markers.
-    share, most = (0.2, 5) if board.kind == "charuco" else (0.3, 7)
-    half = int(np.clip(round(share * spacing), 2, most))
+    # As wide a window as fits between the corners: noise falls with its area. But beside the corners of a
+    # ChArUco board stand those of the markers, which draw corners to themselves when they are in the window.
+    if board.kind == "charuco":
+        half = int(np.clip(0.4 * (1.0 - board.marker_m / board.pitch_m) * spacing, 2, 5))
+    else:
+        half = int(np.clip(0.3 * spacing, 2, 7))
     fine = cv2.cornerSubPix(
         grey,
         np.ascontiguousarray(pixels.reshape(-1, 1, 2), dtype=np.float32),

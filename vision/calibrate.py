@@ -246,12 +246,18 @@ def _fits(
     stereo: StereoModel,
     steps: dict[int, Transform],
 ) -> tuple[ViewFit, ...]:
+    remains = {(one.view, one.eye): res for one, res in zip(seen, solved.residuals, strict=True)}
+    typical = np.median([step.translation for step in steps.values()], axis=0)
     try:
         rect = rectification(stereo)
     except ValueError as error:
-        raise CannotCalibrate(str(error)) from error
-    remains = {(one.view, one.eye): res for one, res in zip(seen, solved.residuals, strict=True)}
-    typical = np.median([step.translation for step in steps.values()], axis=0)
+        apart = {i: float(np.linalg.norm(step.translation - typical)) for i, step in steps.items()}
+        worst = max(apart, key=lambda i: apart[i])
+        raise CannotCalibrate(
+            f"the views contradict each other ({error}); the worst is {views[worst].name}: alone it would "
+            "place "
+            f"the right camera {1e3 * apart[worst]:.0f} mm off the others: pictures of two moments?"
+        ) from error
     fits = []
     for i, view in enumerate(views):
         rows = np.zeros(0)

@@ -50,12 +50,15 @@ def retrieve_sticks(
     offered. Pieces that miss the length by less than `NEAR_MISS` tolerances are kept as refused, the
     `MAX_NEAR_MISSES` nearest of them; all others are nobody's concern and are left out.
 
+    To the measured length comes what thinning took from both ends (``part.thinning_end_m``).
+
     The score is 1 for a perfect fit, and falls with the squares of the length error and of the disagreement
     of the views, each losing a half at its gate.
     """
     ways = segments.end - segments.start
     lengths = np.linalg.norm(ways, axis=1)
     measured = np.linalg.norm(_flattened(ways, _up(table)), axis=1) if tuning.length_2d else lengths
+    measured = measured + 2.0 * part.thinning_end_m
     error = np.abs(measured - part.length_m)
     usable = np.flatnonzero((error <= NEAR_MISS * part.length_tolerance_m) & (lengths > 0))
     found = []

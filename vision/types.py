@@ -225,7 +225,8 @@ class PartModel:
     """A product as the detector knows it. Without ``topology`` it is a straight stick.
 
     ``diameter_m`` is the thickness of a flat part; ``outline`` its edge, None for round rods along the
-    edges of the topology.
+    edges of the topology. ``thinning_end_m``: by how much thinning takes from each end of a stick, which the
+    published method has no other way to know (learned by `mikado product teach`).
     """
 
     code: int
@@ -236,6 +237,7 @@ class PartModel:
     topology: Topology | None = None
     outline: Outline | None = None
     colour: ColourRange | None = None
+    thinning_end_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

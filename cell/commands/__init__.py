@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import Final, Protocol
 
-from cell.commands import area, calibrate, drift, forecast, verify
+from cell.commands import area, calibrate, drift, forecast, product, verify
 
 
 class Commands(Protocol):
@@ -25,4 +25,11 @@ class Group(Protocol):
     def __call__(self, commands: Commands) -> None: ...
 
 
-GROUPS: Final[tuple[Group, ...]] = (calibrate.add, verify.add, area.add, drift.add, forecast.add)
+GROUPS: Final[tuple[Group, ...]] = (
+    calibrate.add,
+    verify.add,
+    area.add,
+    drift.add,
+    forecast.add,
+    product.add,
+)

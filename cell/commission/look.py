@@ -150,7 +150,7 @@ def look(sight: Sight, out: Path, console: Console) -> int:
         _grey(sight.right),
         sight.known.stereo,
         sight.part.model(),
-        sight.tuning,
+        sight.part.tuned(sight.tuning),
         sight.table,
         observe=times,
         colour_left=in_colour(sight.left) if any(part.colour is not None for part in sight.parts) else None,
@@ -269,5 +269,6 @@ def _plans(sight: Sight, scene: Scene) -> dict[int, Plan]:
         reach_of(kinematics, watch),
         sight.part.code,
         max(part.diameter_m for part in sight.parts),
+        sight.part.grasp,
     )
     return {id(plan.candidate): plan for plan in plans}
