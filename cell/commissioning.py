@@ -1,4 +1,4 @@
-"""Configuration of what is verified and watched: touch test, drift, the empty tray."""
+"""Configuration of what is verified and watched: touch test and drift."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DriftConfig(Settings):
 
 
 class CommissioningConfig(Settings):
-    """Relative paths are relative to the configuration."""
+    """Relative paths are relative to the folder of the journal, which is writable and kept."""
 
     touch_tolerance_m: PositiveFloat = Field(default=0.001, description="largest error of a touched point")
     touch_history: Path = Field(
@@ -32,6 +32,3 @@ class CommissioningConfig(Settings):
     )
     drift: DriftConfig = DriftConfig()
     drift_file: Path = Field(default=Path("drift.json"), description="the trend, kept from run to run")
-    empty_tray: Path | None = Field(
-        default=None, description="left picture of the empty tray; written by `mikado area empty`"
-    )

@@ -332,12 +332,11 @@ def load(path: Path, home: Path | None = None) -> CellConfig:
             if isinstance(settings, ReplayCameraSettings)
         }
     )
-    kept = config.commissioning
+    kept, folder = config.commissioning, resolved.journal.parent
     commissioning = kept.model_copy(
         update={
-            "touch_history": home / kept.touch_history,
-            "drift_file": home / kept.drift_file,
-            "empty_tray": None if kept.empty_tray is None else home / kept.empty_tray,
+            "touch_history": folder / kept.touch_history,
+            "drift_file": folder / kept.drift_file,
         }
     )
     return config.model_copy(update={"files": resolved, "cameras": cameras, "commissioning": commissioning})

@@ -26,7 +26,15 @@ from cell.errors import ConfigError, UsageError
 from drivers.timing import MonotonicClock
 from vision.default import warm_up
 
-_MADE: Final = ("cell.yaml", "demo.sqlite", "demo.sqlite-wal", "demo.sqlite-shm", "plc.json", "summary.json")
+_MADE: Final = (
+    "cell.yaml",
+    "demo.sqlite",
+    "demo.sqlite-wal",
+    "demo.sqlite-shm",
+    "plc.json",
+    "summary.json",
+    "drift.json",
+)
 _LOGS: Final = ("daemon.log", "plc.log", "sim.log", "ur.log")
 
 

@@ -19,7 +19,8 @@ from scipy.optimize import least_squares
 
 from vision import transforms
 from vision.handeye import HandEye, Mount, Sighting, mount_from_held
-from vision.types import CameraModel, Floats, Ints, StereoModel, Transform, read_only
+from vision.handeye_steps import cross, moved, pixel_slopes, project_any, right_jacobian, turn_back
+from vision.types import Floats, Ints, StereoModel, Transform, read_only
 
 STEP: Final = 1e-6
 """Of the differences that make the Jacobian, in m and rad: rounding and curvature are both below 1e-6 px."""
@@ -79,8 +80,8 @@ class _Problem:
         """Pixels (N, 2) in each eye. ``step`` (12 + scales,): turn and shift of the camera, of the board,
         then what board and baseline are longer; ``arm`` (6,): turn and shift of every tool pose in its own
         frame."""
-        camera = _moved(start.mount_from_camera, step[:6])
-        board = _moved(start.held_from_board, step[6:12])
+        camera = moved(start.mount_from_camera, step[:6])
+        board = moved(start.held_from_board, step[6:12])
         scale = step[12] if self.scales else 0.0
         rig = step[13] if self.scales > 1 else 0.0
         rotation, shift = self.rotation, self.shift
@@ -112,10 +113,10 @@ class _Problem:
 
     def slopes(self, start: HandEye, step: Floats) -> Floats:
         """(2 corners, 12 + scales) px per unit of ``step``: the derivative of `apart`."""
-        turned, board = _moved(start.mount_from_camera, step[:6]), _moved(start.held_from_board, step[6:12])
+        turned, board = moved(start.mount_from_camera, step[:6]), moved(start.held_from_board, step[6:12])
         size = 1.0 + (step[12] if self.scales else 0.0)
         rig = 1.0 + (step[13] if self.scales > 1 else 0.0)
-        back, at_turn, at_board = _turn_back(step[:3]), _right_jacobian(step[:3]), _right_jacobian(step[6:9])
+        back, at_turn, at_board = turn_back(step[:3]), right_jacobian(step[:3]), right_jacobian(step[6:9])
         blocks = []
         for eye, model in enumerate((self.stereo.left, self.stereo.right)):
             points, which = self.points[eye], self.pose[eye]
@@ -125,10 +126,10 @@ class _Problem:
             mounted = np.einsum("nij,nj->ni", self.rotation[which], held) + self.shift[which]
             seen = (mounted - turned.translation) @ turned.rotation
             by = np.zeros((len(points), 3, self.size))
-            by[:, :, :3] = _cross(seen) @ at_turn
+            by[:, :, :3] = cross(seen) @ at_turn
             by[:, :, 3:6] = -back
             lead = np.einsum("ji,njk->nik", turned.rotation, self.rotation[which])
-            by[:, :, 6:9] = lead @ (-size * board.rotation @ _cross(points) @ at_board)
+            by[:, :, 6:9] = lead @ (-size * board.rotation @ cross(points) @ at_board)
             by[:, :, 9:12] = lead @ start.held_from_board.rotation
             if self.scales:
                 by[:, :, 12] = np.einsum("nij,nj->ni", lead, points @ board.rotation.T)
@@ -138,7 +139,7 @@ class _Problem:
                 if self.scales > 1:
                     by[:, :, 13] = motion.translation
                 seen = seen @ motion.rotation.T + rig * motion.translation
-            blocks.append((_pixel_slopes(seen, model) @ by).reshape(-1, self.size))
+            blocks.append((pixel_slopes(seen, model) @ by).reshape(-1, self.size))
         return np.concatenate(blocks)
 
     def arm_slopes(self, start: HandEye) -> Floats:
@@ -185,13 +186,13 @@ def fit(
         def plain(step: Floats) -> Floats:
             return problem.apart(start, step) / noise.corner_px
 
-        def slopes(step: Floats) -> Floats:
+        def plain_slopes(step: Floats) -> Floats:
             return problem.slopes(start, step) / noise.corner_px
 
         solved = least_squares(
             plain,
             np.zeros(problem.size),
-            jac=slopes,
+            jac=plain_slopes,
             loss="cauchy",
             f_scale=3.0,
             x_scale="jac",
@@ -233,8 +234,8 @@ def fit(
 
 def _stepped(start: HandEye, step: Floats) -> HandEye:
     return HandEye(
-        mount_from_camera=_moved(start.mount_from_camera, step[:6]),
-        held_from_board=_moved(start.held_from_board, step[6:12]),
+        mount_from_camera=moved(start.mount_from_camera, step[:6]),
+        held_from_board=moved(start.held_from_board, step[6:12]),
     )
 
 
@@ -287,7 +288,7 @@ def board_pose(sighting: Sighting, stereo: StereoModel) -> Transform | None:
             xtol=1e-10,
             max_nfev=100,
         )
-        pose = _moved(start, np.asarray(solved.x))
+        pose = moved(start, np.asarray(solved.x))
         if pose.translation[2] > 0 and (best is None or solved.cost < best[0]):
             best = (float(solved.cost), pose)
     return None if best is None else best[1]
@@ -333,80 +334,3 @@ def _board_starts(sighting: Sighting, stereo: StereoModel) -> list[Transform]:
         pose = transforms.make(np.asarray(turn).reshape(3), np.asarray(shift).reshape(3))
         starts.append(pose if motion is None else transforms.compose(motion, pose))
     return starts
-
-
-# ------------------------------------------------------------------------------ small things
-
-
-def project_any(points_m: Floats, camera: CameraModel) -> Floats:
-    """(N, 3) m in a camera's frame to raw pixels (N, 2); a point at or behind the camera lands far outside,
-    so that a fit that has gone astray finds its way back."""
-    if not len(points_m):
-        return np.zeros((0, 2))
-    points = points_m.copy()
-    points[:, 2] = np.maximum(points[:, 2], 1e-3)
-    still = np.zeros((3, 1))
-    pixels, _ = cv2.projectPoints(points.reshape(-1, 1, 3), still, still, camera.matrix, camera.distortion)
-    bent = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-    # the polynomial of the distortion is meaningless far outside the picture
-    slopes = points[:, :2] / points[:, 2:]
-    straight = slopes * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2]
-    far = np.hypot(slopes[:, 0], slopes[:, 1]) > 1.5 * _widest_slope(camera)
-    bent[far] = straight[far]
-    return bent
-
-
-def _widest_slope(camera: CameraModel) -> float:
-    return float(
-        np.hypot(camera.width_px / camera.matrix[0, 0], camera.height_px / camera.matrix[1, 1]) * 0.75
-    )
-
-
-def _moved(pose: Transform, step: Floats) -> Transform:
-    """A transform turned and shifted in its own frame by (6,) rad, m."""
-    rotation = pose.rotation @ transforms.matrix_from_vector(step[:3])
-    return transforms.make(
-        transforms.nearest_rotation(rotation), pose.translation + pose.rotation @ step[3:6]
-    )
-
-
-def _cross(vectors: Floats) -> Floats:
-    """(N, 3, 3) matrices that take w to v x w."""
-    cross = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    return cross
-
-
-def _turn_back(turn: Floats) -> Floats:
-    return transforms.matrix_from_vector(turn).T
-
-
-def _right_jacobian(turn: Floats) -> Floats:
-    """(3, 3) that takes a small change of a rotation vector to the turn it adds in its own frame (Chirikjian,
-    Stochastic Models, Information Theory, and Lie Groups 2, 2012, eq. 10.86)."""
-    angle = float(np.linalg.norm(turn))
-    cross = _cross(turn[None])[0]
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) - 0.5 * cross, dtype=np.float64)
-    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) - first * cross + second * cross @ cross, dtype=np.float64)
-
-
-def _pixel_slopes(points_m: Floats, camera: CameraModel) -> Floats:
-    """(N, 2, 3) px per metre of points in a camera's frame, where `project_any` puts them."""
-    points = points_m.copy()
-    points[:, 2] = np.maximum(points[:, 2], 1e-3)
-    still = np.zeros((3, 1))
-    _, jacobian = cv2.projectPoints(points.reshape(-1, 1, 3), still, still, camera.matrix, camera.distortion)
-    slopes = np.asarray(jacobian, dtype=np.float64)[:, 3:6].reshape(-1, 2, 3).copy()
-    ratios = points[:, :2] / points[:, 2:]
-    far = np.hypot(ratios[:, 0], ratios[:, 1]) > 1.5 * _widest_slope(camera)
-    straight = np.zeros((len(points), 2, 3))
-    for axis in (0, 1):
-        straight[:, axis, axis] = camera.matrix[axis, axis] / points[:, 2]
-        straight[:, axis, 2] = -camera.matrix[axis, axis] * ratios[:, axis] / points[:, 2]
-    slopes[far] = straight[far]
-    slopes[points_m[:, 2] < 1e-3, :, 2] = 0.0
-    return slopes

@@ -1,5 +1,4 @@
-"""``mikado area teach``, ``mikado area empty``: the pick area, and the tray with nothing in it. Moves
-nothing."""
+"""``mikado area teach``: the pick area and its heights, by touching or in a picture. Moves nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     """Add the group."""
-    group = commands.add_parser("area", help="teach the pick area and its heights; the empty tray")
+    group = commands.add_parser("area", help="teach the pick area and its heights")
     kinds = group.add_subparsers(dest="kind", required=True, metavar="WHAT")
     teach = kinds.add_parser(
         "teach", help="pick area into the configuration, by touching or by picture points"
@@ -34,10 +33,6 @@ def add(commands: Commands) -> None:
     )
     teach.add_argument("--margin-mm", type=float, default=0.0, help="keep this far inside of the points")
     teach.set_defaults(run=run_teach)
-    empty = kinds.add_parser("empty", help="keep a picture of the empty tray as reference")
-    empty.add_argument("config", type=Path, metavar="CONFIG")
-    empty.add_argument("--out", type=Path, default=Path("empty-tray.png"), metavar="PNG")
-    empty.set_defaults(run=run_empty)
 
 
 def run_teach(arguments: argparse.Namespace) -> int:
@@ -102,26 +97,3 @@ def _pixel(text: str) -> tuple[float, float]:
     except ValueError:
         raise UsageError(f"--pixels {text}: two numbers are expected, as in 120,85") from None
     return u, v
-
-
-def run_empty(arguments: argparse.Namespace) -> int:
-    """Keep the empty tray."""
-    from rich.console import Console
-
-    from cell import config as configuration
-    from cell.commission import area
-    from cell.frames import grey_of
-    from cell.pictures import refuse_flawed
-    from drivers.timing import MonotonicClock
-
-    console = Console(soft_wrap=True, highlight=False)
-    config = configuration.load(arguments.config)
-    pair = area.look(config, MonotonicClock())
-    grey = grey_of(pair.left)
-    refuse_flawed(grey, "camera.left")
-    out: Path = arguments.out
-    placed = out if out.is_absolute() else arguments.config.resolve().parent / out
-    area.write_picture(placed, grey)
-    area.put(arguments.config, "commissioning", {"empty_tray": str(out)})
-    console.print(f"{placed}: the empty tray; {arguments.config} names it (commissioning.empty_tray)")
-    return 0

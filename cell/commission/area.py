@@ -1,4 +1,4 @@
-"""`mikado area`: where the arm may pick, taught by touching or by points in a picture; and the empty tray.
+"""`mikado area`: where the arm may pick, taught by touching or by points in a picture.
 
 The configuration keeps its comments: only the values change, and the whole file is checked before it is
 written. The box gets the heights it is told; points never widen what the arm may enter beyond what was shown.

@@ -6,9 +6,17 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.fakes.commissioner import Commissioner
 from tests.fakes.simcell import sim_cell
+
+
+@pytest.fixture(autouse=True)
+def asked_for(pytestconfig: pytest.Config) -> None:
+    """Five minutes on a machine of its own; the short version is in tests/system/test_hand_eye.py."""
+    if pytestconfig.getoption("--picks") is None:
+        pytest.skip("the whole chain takes minutes: make soak")
 
 
 def test_a_cell_calibrated_from_nothing_empties_its_tray(tmp_path: Path) -> None:
@@ -51,7 +59,7 @@ def test_a_cell_calibrated_from_nothing_empties_its_tray(tmp_path: Path) -> None
     assert np.median(errors) < 0.5
     assert errors.max() < 1.0
 
-    demo = person.mikado("demo", "--config", "cell.yaml", "--out", "demo-out", timeout_s=400.0)
+    demo = person.mikado("demo", "--config", "cell.yaml", "--driver", "sim", "--speed", "1", timeout_s=400.0)
     print(demo.stdout)
     assert demo.returncode == 0, demo.stdout + demo.stderr
     summary = json.loads((tmp_path / "demo-out" / "summary.json").read_text())

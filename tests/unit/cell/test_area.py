@@ -51,8 +51,7 @@ def test_what_cannot_be_an_area_is_refused_and_nothing_is_written(own: Path) -> 
 
 
 def test_a_key_and_a_section_that_are_not_there_are_added(own: Path) -> None:
-    text = yamledit.replaced(own, "commissioning", {"empty_tray": "empty.png"})
-    own.write_text(text)
-    assert config.load(own).commissioning.empty_tray == own.parent / "empty.png"
+    own.write_text(yamledit.replaced(own, "commissioning", {"touch_history": "touched.jsonl"}))
+    assert config.load(own).commissioning.touch_history == own.parent / "touched.jsonl"
     own.write_text(yamledit.replaced(own, "commissioning", {"touch_tolerance_m": "0.002"}))
     assert config.load(own).commissioning.touch_tolerance_m == 0.002
