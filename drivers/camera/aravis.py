@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib
-from collections.abc import Callable
 from functools import cache
 from typing import Any, Final, Literal, Protocol, cast
 
@@ -98,7 +97,11 @@ class Aravis:
         ]
 
     def is_controller(self, camera: AravisCamera) -> bool:
-        """Whether nobody else holds it."""
+        """Whether it is under our control: nobody else holds it, and its heartbeat was answered.
+
+        Asked instead of the signal ``control-lost``: a handler in Python runs in the library's heartbeat
+        thread, may drop the last reference there, and the library aborts the process, waiting for itself.
+        """
         device: Any = camera.get_device()
         return bool(device.is_controller())
 
@@ -107,11 +110,6 @@ class Aravis:
         device: Any = camera.get_device()
         if device.is_controller():
             device.leave_control()
-
-    def on_control_lost(self, camera: AravisCamera, tell: Callable[[], None]) -> None:
-        """``tell`` is called in a thread of the library."""
-        device: Any = camera.get_device()
-        device.connect("control-lost", lambda _device: tell())
 
     def check_ranges(self, camera: AravisCamera) -> None:
         """Without this, what a camera cannot do is written to it in silence."""

@@ -45,7 +45,7 @@ class GigeSource:
         self._camera: AravisCamera | None = None
         self._stream: AravisStream | None = None
         self._payload = 0
-        self._gone = threading.Event()
+        self._dead: tuple[AravisCamera, AravisStream | None] | None = None
         self._device_clock = DeviceClock()
         self._answer_clock = DeviceClock()  # the other way round: the device's clock from our words
         self._frame_id: int | None = None
@@ -68,6 +68,7 @@ class GigeSource:
     def start(self) -> None:
         """Find, take control, configure, read back, stream; all or nothing."""
         self.stop()
+        self._dead = None
         library = aravis.load(self._name)
         try:
             self._start(library)
@@ -87,9 +88,6 @@ class GigeSource:
             raise DeviceUnavailable(
                 self._name, f"{self._where} is held by another program; end that, or wait for its heartbeat"
             )
-        # the signal comes in a thread of Aravis; nothing but this flag is touched there
-        self._gone = threading.Event()
-        library.on_control_lost(camera, self._gone.set)
         library.check_ranges(camera)
         self._configure(library, camera)
         stream = library.stream(camera)
@@ -215,7 +213,7 @@ class GigeSource:
                 return frame
 
     def _refuse_gone(self) -> None:
-        if self._gone.is_set():
+        if self._camera is not None and not aravis.load(self._name).is_controller(self._camera):
             raise DeviceUnavailable(self._name, f"{self._where}: control lost, its heartbeat is not answered")
 
     def _frame(self, buffer: AravisBuffer) -> Frame | None:
@@ -282,13 +280,18 @@ class GigeSource:
         if camera is None:
             return
         library = aravis.load(self._name)
-        if not self._gone.is_set():  # each register of a dead camera takes 2.5 s to be given up
+        if not library.is_controller(camera):
+            # each register of a dead camera takes 2.5 s to be given up; and its heartbeat thread may be about
+            # to tell of the loss, which must not be the last to hold it: it would wait for its own end
+            self._dead = camera, stream
+        else:
             try:
                 if stream is not None:
                     camera.stop_acquisition()
                 library.leave(camera)  # somebody may still hold a reference: a traceback is enough
             except library.Error as error:
                 log.info("gige_camera_did_not_stop", camera=self._name, detail=str(error))
+                self._dead = camera, stream
         del stream, camera
         # their last references: Aravis ends its threads and gives up control here
 

@@ -180,6 +180,22 @@ def test_a_stall_of_a_second_and_a_half_takes_the_permission_and_heals(eyes: dic
     print(f"\nready {back_s:.2f} s after the stall")
 
 
+def test_a_heartbeat_that_is_not_answered_is_a_loss_and_again_and_again_harms_nobody(
+    eyes: dict[str, Peer],
+) -> None:
+    with camera(lost_s=30.0, trigger="software") as made:
+        for losses in (1, 2):
+            os.kill(eyes["left"].process.pid, signal.SIGSTOP)
+            try:
+                gige.wait_until(lambda: _lost(made), 15.0, "lost")
+                reason = made.status().reason
+            finally:
+                os.kill(eyes["left"].process.pid, signal.SIGCONT)
+            gige.wait_until(lambda: made.status().state is CameraState.READY, BACK_WITHIN_S, "ready again")
+            assert "control lost" in reason or "timeout" in reason
+            assert made.status().losses == losses
+
+
 @pytest.mark.parametrize(("per_mille", "packet_size"), [(1, 1400), (10, 8000)])
 def test_frames_with_missing_packets_are_counted_and_never_handed_out(
     net: Network, eyes: dict[str, Peer], per_mille: int, packet_size: int
