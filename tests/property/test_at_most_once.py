@@ -89,6 +89,7 @@ class WirePlc:
         self.before = encode_command(self.command)
         self.shown = encode_status(PlcOutputs())
         self.lost = ""
+        self.reached = False
         self.tear_read = COMMAND_WORDS
         self.tear_write = STATUS_WORDS
         self.told: dict[int, set[int]] = {}
@@ -108,6 +109,7 @@ class WirePlc:
 
     def exchange(self, outputs: PlcOutputs) -> PlcInputs:
         self._fuse.passes("send.before")
+        self.reached = self.lost != "request"  # else it still shows what was written before
         if self.lost == "request":
             raise DeviceTimeout("plc", "no answer")
         words = encode_status(outputs)
@@ -185,7 +187,7 @@ class Cell(RuleBasedStateMachine):
             self.die()
             return
         status = self.plc.status  # written before this turn's order was seen
-        if status.ready:
+        if status.ready and self.plc.reached:
             assert self.working_on == 0
             assert not status.busy
         while (item := self.inbox.take(0.0)) is not None:

