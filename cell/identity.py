@@ -7,7 +7,7 @@ from typing import Final
 from cell.config import CamerasConfig
 from drivers.settings import CameraSettings, ReplayCameraSettings
 
-_TELLING: Final = ("serial", "serial_number", "device", "eye")
+_TELLING: Final = ("serial", "address", "device", "eye")
 """Settings that name one device; the first a driver has counts."""
 
 

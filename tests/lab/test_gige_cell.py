@@ -52,7 +52,10 @@ def written(folder: Path, host: str, plc_port: int) -> Path:
     data["motion"]["joints"].update(speed_rad_s=2.5, accel_rad_s2=6.0)
     data["motion"]["travel"].update(speed_m_s=1.0, accel_m_s2=3.0)
     data["motion"]["approach"].update(speed_m_s=0.4, accel_m_s2=2.0)
-    data["files"] = {"calibration": str(DEMO.parent / "calibration.json"), "journal": "journal.sqlite"}
+    data["files"] = {
+        "calibration": str(DEMO.parents[1] / "calibration-to-try.json"),
+        "journal": "journal.sqlite",
+    }
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
     return path
@@ -122,7 +125,7 @@ def test_a_look_over_the_wire_finds_the_sticks_of_the_scene(tmp_path: Path) -> N
             data["cameras"][eye] = wanted.model_dump(mode="json", exclude_none=True)
         data["cameras"]["look_timeout_s"] = 40.0
         data["allow_mixed"] = True
-        data["files"]["calibration"] = str(DEMO.parent / "calibration.json")
+        data["files"]["calibration"] = str(DEMO.parents[1] / "calibration-to-try.json")
         config = tmp_path / "cell.yaml"
         config.write_text(yaml.safe_dump(data), encoding="utf-8")
         truth = ends_of(cell)

@@ -49,8 +49,9 @@ def make(folder: Path) -> Scenery:
         (folder / name).mkdir(parents=True)
         _write(folder / name, picture)
     calibration = folder / "calibration.json"
-    calibration.write_text(calibration_text(layout.cameras), encoding="utf-8")
-    json.loads(calibration.read_text(encoding="utf-8"))
+    known = json.loads(calibration_text(layout.cameras))
+    known.pop("cameras", None)  # it is to serve whatever camera shows these pictures
+    calibration.write_text(json.dumps(known), encoding="utf-8")
     ends = np.array([stick.ends for stick in snapshot.lying], np.float64)
     return Scenery(left=folder / "left", right=folder / "right", calibration=calibration, ends_m=ends)
 
