@@ -179,7 +179,8 @@ def _at_clear(station: Station, order: PickOrder, times: Times) -> Callable[[], 
 
 
 def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
-    return locate(
+    """The whole scene; in the thread of the search, while the arm may be on its way."""
+    scene = locate(
         sight.left,
         sight.right,
         station.stereo,
@@ -190,6 +191,13 @@ def _find(station: Station, sight: Sight, observe: Observer) -> Scene:
         colour_left=sight.colour,
         among=tuple(part.model() for part in sight.among),
     )
+    station.moved.check(
+        scene,
+        (sight.left, sight.right),
+        f"{sight.pair.left.camera}, {sight.pair.right.camera}",
+        partial(station.mounting.standing, sight.view),
+    )
+    return scene
 
 
 def _plans(station: Station, sight: Sight, scene: Scene) -> tuple[Plan, ...]:

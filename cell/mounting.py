@@ -17,7 +17,7 @@ from cell import calibration, frames
 from cell.calibration import Calibration
 from cell.errors import CalibrationError
 from cell.faults import PictureUnusable
-from cell.pictures import Standing
+from cell.moved import Standing
 from drivers.errors import DeviceTimeout, StaleData
 from drivers.interfaces import Robot, StereoRig
 from drivers.timing import Clock
@@ -77,7 +77,7 @@ class Mounting:
         return View(base_from_camera=base, table=calibration.floor_plane(base, self.floor_z_m))
 
     def standing(self, view: View) -> Standing:
-        """For the check of pictures. Raises `CalibrationError` when the camera does not look down."""
+        """For the check of their rows. Raises `CalibrationError` when the camera does not look down."""
         return Standing.of(self.known, view.table, self.height_m)
 
 

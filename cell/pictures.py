@@ -2,56 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import structlog
 
-from cell import calibration, frames
-from cell.calibration import Calibration
+from cell import frames
 from cell.colours import in_colour
-from cell.faults import CameraMoved, PictureUnusable
+from cell.faults import PictureUnusable
 from drivers.types import Frame, FramePair, Pixels
-from vision import epipolar, light, quality, sharpness
-from vision.epipolar import RowResidual
+from vision import light, quality, sharpness
 from vision.light import LightChange
-from vision.stereo import Rectification, rectification
-from vision.types import Grey, PictureFlaw, Plane, Unusable
+from vision.types import Grey, PictureFlaw, Unusable
 
 log = structlog.get_logger()
-
-_SIGMAS = 3.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Standing:
-    """How the cameras stood when they were calibrated, and how far off anything to be seen is."""
-
-    rect: Rectification
-    depth_m: tuple[float, float]
-
-    @staticmethod
-    def of(known: Calibration, table: Plane, height_m: tuple[float, float]) -> Standing:
-        """Over a table. Raises `CalibrationError` when the camera does not look down on it."""
-        near, far = calibration.depth_bounds_m(known, table, height_m)
-        # the rectified viewing direction differs a little from that of the left camera
-        return Standing(rect=rectification(known.stereo), depth_m=(0.9 * near, 1.1 * far))
-
-    def row_residual(self, left: Grey, right: Grey) -> RowResidual:
-        """How far the rows of the right picture are off."""
-        return epipolar.row_residual(left, right, self.rect, self.depth_m)
 
 
 class PictureCheck:
     """Remembers the last pair: a frozen camera serves the same picture with new times, and light changes.
 
-    Without ``standing`` it does not look whether a camera was moved. ``remarks`` on the last pair are no
-    reason to refuse it: the detector does not mind another light, but somebody may have to look at lamp or
-    exposure.
+    ``remarks`` on the last pair are no reason to refuse it: the detector does not mind another light, but
+    somebody may have to look at lamp or exposure. Whether a camera was moved, `cell.moved` tells.
     """
 
-    def __init__(self, standing: Standing | None = None) -> None:
-        self._standing = standing
+    def __init__(self) -> None:
         self._last: dict[str, Grey] = {}
         self.remarks: tuple[str, ...] = ()
 
@@ -63,18 +34,9 @@ class PictureCheck:
         PictureUnusable
             Black, saturated, without contrast, blurred, bit for bit the one before, or in another light. A
             new light is said once: the next pair is compared with it.
-        CameraMoved
-            The rows of the two pictures do not belong together any more.
         """
         self.remarks = ()
-        left, right = self._check(pair.left), self._check(pair.right)
-        if self._standing is not None:
-            refuse_moved(self._standing.row_residual(left, right), pair.left.camera, pair.right.camera)
-        return left, right
-
-    def stand(self, standing: Standing) -> None:
-        """The next pair is taken from here: cameras on the arm stand elsewhere at each look."""
-        self._standing = standing
+        return self._check(pair.left), self._check(pair.right)
 
     def forget(self) -> None:
         """The next pair is compared with nothing: a camera was opened anew."""
@@ -112,19 +74,6 @@ def refuse_flawed(grey: Grey, what: str) -> None:
     if flaw is not None:
         raise PictureUnusable(
             f"{what}: picture is {flaw.flaw.value} ({flaw.value:.3g}, limit {flaw.limit:.3g})"
-        )
-
-
-def refuse_moved(rows: RowResidual, left: str, right: str) -> None:
-    """Raise `CameraMoved` when enough places of a pair say that its rows are off."""
-    if not rows.known:
-        return
-    doubt_px = _SIGMAS * rows.spread_px / math.sqrt(rows.points)
-    if abs(rows.px) - doubt_px > epipolar.MOVED_PX:
-        raise CameraMoved(
-            f"{left}, {right}: rows are off by {rows.px:+.1f} px (limit {epipolar.MOVED_PX:g}; {rows.points} "
-            f"of {rows.tried} places agree): a camera was moved since the calibration; fix it and calibrate "
-            "anew"
         )
 
 

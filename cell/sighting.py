@@ -53,9 +53,9 @@ def _taken(station: Station, clear_at: float) -> tuple[FramePair, Transform]:
 
 
 def _stand(station: Station, view: View) -> None:
-    """Tell the check of pictures how far off everything is from here."""
+    """Raise `PictureUnusable` where the cameras look past the table from here."""
     try:
-        station.pictures.stand(station.mounting.standing(view))
+        station.mounting.standing(view)
     except CalibrationError as error:
         raise PictureUnusable(
             f"the cameras on the arm do not see the parts from where it stands: {error.detail}; correct "

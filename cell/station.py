@@ -17,6 +17,7 @@ from cell.config import (
 )
 from cell.missed import MissedParts
 from cell.mounting import Mounting, View
+from cell.moved import MovedCheck
 from cell.operation import OperationConfig
 from cell.pattern import Places
 from cell.pictures import PictureCheck
@@ -97,6 +98,7 @@ class Station:
     operation: OperationConfig = field(default_factory=OperationConfig)
     places: Places = field(default_factory=Places)
     prepared: Prepared = field(default_factory=Prepared)
+    moved: MovedCheck = field(default_factory=MovedCheck)
 
     def among(self, part: PartConfig) -> tuple[PartConfig, ...]:
         """What else lies in the heap of a product."""

@@ -18,8 +18,9 @@ from cell.errors import ConfigError
 from cell.identity import identities
 from cell.missed import MissedParts
 from cell.mounting import Mounting
+from cell.moved import Standing
 from cell.pattern import Places
-from cell.pictures import PictureCheck, Standing
+from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
 from drivers.factory import Factory
 from drivers.interfaces import Device, Plc
@@ -145,7 +146,6 @@ def build(
     robot = factory.robot("robot", config.robot)
     gripper = factory.gripper("gripper", config.gripper, robot)
     mounting = mounting_of(config, known)
-    standing = None if mounting.on_arm else mounting.standing(mounting.view(identity()))
     station = Station(
         rig=rig,
         robot=robot,
@@ -161,7 +161,7 @@ def build(
         jaws=config.jaws,
         motion=config.motion,
         clock=cell_clock,
-        pictures=PictureCheck(standing),
+        pictures=PictureCheck(),
         missed=MissedParts(config.operation.strategy.avoid_looks, config.operation.strategy.avoid_radius_m),
         progress=progress,
         looked=looked,

@@ -139,7 +139,9 @@ def locate_default(
     offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
     tell("retrieve", offered.candidates)
     scene = _scene(offered, measured, pictures, frame, pool, off_px)
-    return replace(scene, rows_seen_px=offset.px if offset.ends >= LEAST_ENDS else float("nan"))
+    if offset.ends < LEAST_ENDS:
+        return scene
+    return replace(scene, rows_seen_px=offset.px, rows_sigma_px=offset.sigma_px)
 
 
 def frame_of(stereo_model: StereoModel, part: PartModel, tuning: Tuning, table: Plane | None) -> Frame:

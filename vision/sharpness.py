@@ -40,7 +40,7 @@ def blur_px(grey: Grey) -> float:
     require_grey(grey)
     picture = grey.astype(np.float32)
     fine, coarse = (_slope(cv2.GaussianBlur(picture, (0, 0), s)) for s in (FINE_PX, COARSE_PX))
-    bound = max(LEAST_SLOPE, float(np.quantile(fine, 1.0 - STEEPEST_SHARE)))
+    bound = max(LEAST_SLOPE, _quantile(fine, 1.0 - STEEPEST_SHARE))
     on_edge = fine >= bound
     if np.count_nonzero(on_edge) < LEAST_EDGE_PX:
         return math.nan
@@ -50,6 +50,16 @@ def blur_px(grey: Grey) -> float:
     fine_squared, coarse_squared = FINE_PX**2 + SLOPE_OVER, COARSE_PX**2 + SLOPE_OVER
     squared = (coarse_squared - ratio**2 * fine_squared) / (ratio**2 - 1.0)
     return math.sqrt(max(0.0, squared))
+
+
+def _quantile(values: npt.NDArray[np.float32], share: float) -> float:
+    """As `numpy.quantile`, which looks for both neighbours at a time and takes five times as long."""
+    place = share * (values.size - 1)
+    low = int(place)
+    parted = np.partition(values.reshape(-1), low)
+    lower = float(parted[low])
+    upper = float(parted[low + 1 :].min(initial=math.inf)) if low + 1 < values.size else lower
+    return lower + (place - low) * (upper - lower)
 
 
 def _slope(picture: npt.ArrayLike) -> npt.NDArray[np.float32]:

@@ -406,7 +406,8 @@ class Scene:
 
     ``crossings`` which candidate lies on which; ``row_offset_px`` what the rows of the right picture were
     found to be off by, and corrected for; ``rows_seen_px`` the same however little it is, NaN where too few
-    ends were seen to tell; ``complete`` False for a first answer whose rest is still being explained.
+    ends were seen to tell, and ``rows_sigma_px`` its standard deviation; ``complete`` False for a first
+    answer whose rest is still being explained.
     """
 
     method: Method
@@ -419,6 +420,7 @@ class Scene:
     crossings: tuple[Crossing, ...] = ()
     row_offset_px: float = 0.0
     rows_seen_px: float = float("nan")
+    rows_sigma_px: float = float("nan")
     complete: bool = True
 
     @property

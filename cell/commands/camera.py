@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from cell.commands import Commands
     from cell.config import CellConfig
-    from cell.pictures import Standing
+    from cell.moved import Standing
     from drivers.interfaces import Camera
     from drivers.types import FoundCamera, Frame
 

@@ -22,6 +22,7 @@ from cell.config import CellConfig, PartConfig
 from cell.errors import UsageError
 from cell.missed import MissedParts
 from cell.mounting import Mounting, View, grab_from_arm
+from cell.moved import refuse_moved
 from cell.pictures import PictureCheck, refuse_flawed
 from cell.planning import Plan, plan_picks
 from cell.reaching import reach_of
@@ -124,8 +125,9 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
         # twice, because only the second can show that a camera is frozen
         for _ in range(2):
             pair, view = _taken(config, mounting, rig, robot, clock)
-            check.stand(mounting.standing(view))
-            check.check(pair)
+            greys = check.check(pair)
+    names = f"{pair.left.camera}, {pair.right.camera}"
+    refuse_moved(mounting.standing(view).row_residual(*greys), names)
     tuning = config.tuning.tuning()
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")

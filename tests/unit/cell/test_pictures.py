@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from cell import calibration
-from cell.faults import CameraMoved, FaultCode, PictureUnusable, fault_of
-from cell.pictures import PictureCheck, Standing, refuse_flawed
+from cell.faults import PictureUnusable
+from cell.pictures import PictureCheck, refuse_flawed
 from drivers.types import Frame, FramePair, Pixels
-from tests.fakes.station import DATA, drawn
+from tests.fakes.station import drawn
 
 
 def pair(left: Pixels, right: Pixels, sequence: int = 1) -> FramePair:
@@ -104,15 +103,3 @@ def test_another_exposure_is_remarked_once_and_is_no_reason_to_refuse() -> None:
     )
     check.check(pair(brighter[2], RIGHT[2]))
     assert list(check.remarks) == []
-
-
-def test_a_camera_that_was_moved_is_named_with_the_rows_it_is_off() -> None:
-    known = calibration.load(DATA / "calibration.json")
-    check = PictureCheck(Standing.of(known, calibration.table_of(known, 0.02), (-0.005, 0.06)))
-    check.check(pair(LEFT[0], RIGHT[0]))
-    moved = np.roll(RIGHT[1], 5, axis=0)
-    with pytest.raises(
-        CameraMoved, match=r"camera\.left, camera\.right: rows are off by \+[45]\.\d px"
-    ) as caught:
-        check.check(pair(LEFT[1], moved))
-    assert fault_of(caught.value).code is FaultCode.CALIBRATION_MISMATCH
