@@ -70,7 +70,7 @@ def render(sticks: int, seeds: range, spread: float) -> Piles:
     layout = layout.model_copy(update={"sticks": layout.sticks.model_copy(update={"spread": spread})})
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "calibration.json"
-        file.write_text(calibration_text(layout.cameras), encoding="utf-8")
+        file.write_text(calibration_text(layout.cameras, layout.arm), encoding="utf-8")
         json.loads(file.read_text(encoding="utf-8"))
         found = calibration.load(file)
     assert found.base_from_camera is not None

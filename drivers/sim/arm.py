@@ -187,6 +187,10 @@ class Arm:
         """How the latest motion stands."""
         return MotionEnd.RUNNING if self._motion is not None else self._last
 
+    def base_from_flange(self) -> Floats:
+        """(4, 4) where the flange is."""
+        return np.asarray(link_frames(self.q)[6])
+
     def base_from_tool(self) -> Floats:
         """(4, 4) where the tool is."""
         return forward(self.q, self.flange_from_tool)

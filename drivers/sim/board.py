@@ -32,24 +32,29 @@ class BoardPlace(Enum):
     WAVED = "waved"
 
 
-def place_of(place: BoardPlace, world: WorldLayout, base_from_tool: Floats, exposures: int) -> Floats | None:
+def place_of(
+    place: BoardPlace, world: WorldLayout, base_from_flange: Floats, exposures: int
+) -> Floats | None:
     """``base_from_board`` (4, 4) at an instant; None where there is no board."""
     match place:
         case BoardPlace.NOWHERE:
             return None
         case BoardPlace.HAND:
+            base_from_tool = base_from_flange @ pose_matrix(world.arm.tcp_m_rad)
             return np.asarray(base_from_tool @ pose_matrix(world.board.in_hand_m_rad))
         case BoardPlace.TRAY:
             tray = np.eye(4)
             tray[:3, 3] = world.tray.centre_m
             return np.asarray(tray @ pose_matrix(world.board.in_tray_m_rad))
         case BoardPlace.WAVED:
-            return _stop(world, exposures // STILL_EXPOSURES)
+            return _stop(world, base_from_flange, exposures // STILL_EXPOSURES)
 
 
-def _stop(world: WorldLayout, number: int) -> Floats:
+def _stop(world: WorldLayout, base_from_flange: Floats, number: int) -> Floats:
     """The ``number``-th place: about the point both eyes see in the middle, face towards them."""
     left, right = eyes(world.cameras)
+    if world.cameras.mount == "tool":
+        left, right = left.carried(base_from_flange), right.carried(base_from_flange)
     rng = np.random.default_rng(1000 + number)
     middle = 0.5 * (left.base_from_camera[:3, 3] + right.base_from_camera[:3, 3])
     width, height = (s * world.board.square_m for s in world.board.squares)

@@ -85,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         layout = load_world(options.world)
         if options.calibration_out is not None:
-            options.calibration_out.write_text(calibration_text(layout.cameras), encoding="utf-8")
+            options.calibration_out.write_text(calibration_text(layout.cameras, layout.arm), encoding="utf-8")
             return 0
         world = World(layout, seed=options.seed, count=options.sticks)
         world.board = BoardPlace(options.board)

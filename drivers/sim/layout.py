@@ -71,7 +71,8 @@ class GripperLayout(Settings):
 
 
 class CameraLayout(Settings):
-    """One eye: pinhole with OpenCV's distortion (k1, k2, p1, p2, k3)."""
+    """One eye: pinhole with OpenCV's distortion (k1, k2, p1, p2, k3). Its place is in the frame of what
+    carries it."""
 
     position_m: Three
     look_at_m: Three
@@ -84,6 +85,10 @@ class CameraLayout(Settings):
 class CamerasLayout(Settings):
     """Both eyes and what they share."""
 
+    mount: Literal["fixed", "tool"] = Field(
+        default="fixed",
+        description="fixed: beside the arm, in the base frame; tool: on the arm, in the flange's frame",
+    )
     width_px: PositiveInt
     height_px: PositiveInt
     blur_px: NonNegativeFloat

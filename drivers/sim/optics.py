@@ -10,21 +10,33 @@ import json
 
 import numpy as np
 
-from drivers.sim.geometry import Floats, apply, inverse, looking_at
-from drivers.sim.layout import CameraLayout, CamerasLayout
+from drivers.sim.geometry import Floats, apply, inverse, looking_at, pose_matrix
+from drivers.sim.layout import ArmLayout, CameraLayout, CamerasLayout
 
 
 class Eye:
-    """One camera: its pose, and both directions of its projection."""
+    """One camera: its pose, and both directions of its projection.
 
-    def __init__(self, layout: CameraLayout, width_px: int, height_px: int) -> None:
+    ``base_from_carrier`` (4, 4) is where the flange is, of an eye on the arm; the base itself otherwise.
+    """
+
+    def __init__(
+        self, layout: CameraLayout, width_px: int, height_px: int, base_from_carrier: Floats | None = None
+    ) -> None:
         self._layout = layout
         self.width_px = width_px
         self.height_px = height_px
-        self.base_from_camera = looking_at(
+        self.carrier_from_camera = looking_at(
             np.array(layout.position_m), np.array(layout.look_at_m), layout.roll_rad
         )
+        self.base_from_camera = self.carrier_from_camera
+        if base_from_carrier is not None:
+            self.base_from_camera = base_from_carrier @ self.carrier_from_camera
         self.camera_from_base = inverse(self.base_from_camera)
+
+    def carried(self, base_from_carrier: Floats) -> Eye:
+        """The same eye where its carrier is there."""
+        return Eye(self._layout, self.width_px, self.height_px, base_from_carrier)
 
     @property
     def focal_px(self) -> float:
@@ -66,18 +78,21 @@ class Eye:
 
 
 def eyes(layout: CamerasLayout) -> tuple[Eye, Eye]:
-    """Left and right eye."""
+    """Left and right eye; those on the arm as if the flange were the base."""
     left, right = (Eye(side, layout.width_px, layout.height_px) for side in (layout.left, layout.right))
     return left, right
 
 
-def calibration_text(layout: CamerasLayout) -> str:
+def calibration_text(layout: CamerasLayout, arm: ArmLayout) -> str:
     """The calibration an honest commissioning would have found, as JSON text in metres and pixels.
 
     ``R``, ``T`` take left camera coordinates to right ones; ``base_from_camera`` (4, 4) takes coordinates of
-    the raw left camera to the robot's base.
+    the raw left camera to the robot's base, ``tool_from_camera`` those of one on the arm to its tool.
     """
     left, right = eyes(layout)
+    place = {"base_from_camera": left.carrier_from_camera}
+    if layout.mount == "tool":
+        place = {"tool_from_camera": inverse(pose_matrix(arm.tcp_m_rad)) @ left.carrier_from_camera}
     right_from_left = right.camera_from_base @ left.base_from_camera
     content = {
         "version": 1,
@@ -90,7 +105,7 @@ def calibration_text(layout: CamerasLayout) -> str:
         "D2": list(layout.right.distortion),
         "R": _told(right_from_left[:3, :3]),
         "T": _told(right_from_left[:3, 3]),
-        "base_from_camera": _told(left.base_from_camera),
+        **{name: _told(pose) for name, pose in place.items()},
         "rms_px": 0.0,
         "cameras": {"left": "sim-left", "right": "sim-right"},
     }

@@ -17,7 +17,7 @@ from drivers.sim.layout import WorldLayout
 from drivers.sim.light import MARKS, LightMap, light_map
 from drivers.sim.optics import Eye
 from drivers.sim.piles import Stick
-from drivers.sim.surfaces import GRAIN_SHAPE, WOOD, Picture, backdrop, wood_grain
+from drivers.sim.surfaces import GRAIN_SHAPE, WOOD, Backdrop, Picture, backdrop, wood_grain
 from drivers.sim.world import Snapshot
 from drivers.types import Pixels
 
@@ -27,6 +27,10 @@ VIGNETTING = 0.14
 """How much darker the corners are than the middle."""
 GAMMA = 2.2
 STICK_MARGIN_PX = 1.5
+SAME_PLACE = 2e-5
+"""Metres and radians: an eye on the arm that moved by less shows the standing scene within 0.02 px."""
+NEAREST_M = 0.03
+"""Sticks nearer to an eye's plane or behind it are not drawn; the hand keeps eyes on the arm farther off."""
 
 
 class Lighting:
@@ -46,10 +50,12 @@ class Lighting:
 
 
 class Renderer:
-    """Pictures of one eye. Everything that never changes is worked out when it is made."""
+    """Pictures of one eye. Everything that never changes is worked out when it is made; of an eye on the arm
+    the standing scene is worked out anew where the arm stands elsewhere."""
 
     def __init__(self, eye: Eye, world: WorldLayout, seed: int) -> None:
         self.eye = eye
+        self._on_arm = world.cameras.mount == "tool"
         self._world = world
         self._rng = np.random.default_rng()
         self._seed = seed
@@ -62,13 +68,8 @@ class Renderer:
         spread = (np.arange(FINE) - 0.5 * (FINE - 1)) / FINE
         dv, du = (part.ravel() for part in np.meshgrid(spread, spread, indexing="ij"))
         self._du, self._dv = du, dv
-        order = np.argsort(du * du + dv * dv, kind="stable")
-        self._backdrop = backdrop(
-            np.stack([self._slopes + du[i] * self._per_u + dv[i] * self._per_v for i in order]),
-            eye.base_from_camera,
-            world,
-            seed,
-        )
+        self._behind_from = eye.base_from_camera
+        self._backdrop = None if self._on_arm else self._behind()
         off = (u - 0.5 * (width - 1)) ** 2 + (v - 0.5 * (height - 1)) ** 2
         self._vignette = (1.0 - VIGNETTING * off / off.max()).astype(np.float32)[:, :, None]
         self._tone = (255.0 * np.linspace(0.0, 1.0, 4096) ** (1.0 / GAMMA)).astype(np.float32)
@@ -77,7 +78,7 @@ class Renderer:
 
     def picture(self, snapshot: Snapshot, light: LightMap) -> Pixels:
         """(H, W, 3) uint8 BGR, read-only; never twice the same, because of the noise."""
-        linear = self._floor(light)
+        linear = self._floor(light, self._stand(snapshot))
         arm_depth, arm_colour = armlook.draw(self._sight, self.eye.base_from_camera, snapshot, self._world)
         nearest = self._sticks(linear, snapshot, light)
         if snapshot.base_from_board is not None:
@@ -88,8 +89,23 @@ class Renderer:
 
     # ------------------------------------------------------------------ what is there
 
-    def _floor(self, light: LightMap) -> Picture:
-        drop, lamp = self._backdrop, self._world.light
+    def _stand(self, snapshot: Snapshot) -> Backdrop:
+        """The standing scene, from where the eye is at this instant."""
+        if self._on_arm:
+            self.eye = self.eye.carried(snapshot.base_from_flange)
+        now = self.eye.base_from_camera
+        if self._backdrop is None or np.abs(now - self._behind_from).max() > SAME_PLACE:
+            self._behind_from = now
+            self._backdrop = self._behind()
+        return self._backdrop
+
+    def _behind(self) -> Backdrop:
+        order = np.argsort(self._du * self._du + self._dv * self._dv, kind="stable")
+        slopes = [self._slopes + self._du[i] * self._per_u + self._dv[i] * self._per_v for i in order]
+        return backdrop(np.stack(slopes), self.eye.base_from_camera, self._world, self._seed)
+
+    def _floor(self, light: LightMap, drop: Backdrop) -> Picture:
+        lamp = self._world.light
         shine = (lamp.ambient * light.floor_room + lamp.strength * light.floor_lamp).astype(np.float32)
         row = np.clip(drop.row, 0.0, shine.shape[0] - 1.001)
         column = np.clip(drop.column, 0.0, shine.shape[1] - 1.001)
@@ -178,6 +194,8 @@ class Renderer:
     def _candidates(self, centre: Floats, axis: Floats, half: float, radius: float) -> npt.NDArray[np.int64]:
         """Flat indices of the pixels whose rays pass near a stick."""
         ends = np.stack([centre - half * axis, centre + half * axis])
+        if float(ends[:, 2].min()) < NEAREST_M:
+            return np.empty(0, dtype=np.int64)
         grow = radius + STICK_MARGIN_PX * float(ends[:, 2].max()) / self.eye.focal_px
         seen = ends[:, :2] / ends[:, 2:3]
         pad = 1.5 * grow / float(ends[:, 2].min())

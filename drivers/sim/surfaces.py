@@ -1,11 +1,12 @@
 """What the standing things look like: the tray, its floor, the table, the drop box; and the wood's grain.
 
-Worked out once per eye. Colours are linear light, BGR, 0..1. Base frame, metres.
+Worked out once per eye and place of it. Colours are linear light, BGR, 0..1. Base frame, metres.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,8 @@ EDGE_STEP = 0.01
 """Neighbouring pixels that differ by more than this lie on an edge."""
 GRAIN_SHAPE = (256, 48)
 """Places along and around a stick for which the grain is kept."""
+MAT_SIZE, MAT_STEP_M = 512, 0.0006
+"""Cells of the floor's pattern along each side, which is laid again and again, and their size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,8 +70,8 @@ def wood_grain(seed: int) -> npt.NDArray[np.float32]:
 def lambert(normal: Floats, points: Floats, light: LightLayout) -> Floats:
     """Cosine (K,) of the lamp's direction to the normal, (3,) or (K, 3), at points (K, 3); never below 0."""
     to_lamp = np.array(light.position_m) - points
-    to_lamp /= np.linalg.norm(to_lamp, axis=-1, keepdims=True)
-    return np.asarray(np.maximum(np.sum(to_lamp * normal, axis=-1), 0.0))
+    far = np.sqrt(np.einsum("...c,...c->...", to_lamp, to_lamp))
+    return np.asarray(np.maximum(np.einsum("...c,...c->...", to_lamp, normal) / far, 0.0))
 
 
 def _plane(eye: Floats, rays: Floats, axis: int, value: float) -> tuple[Floats, Floats]:
@@ -81,7 +84,8 @@ def _plane(eye: Floats, rays: Floats, axis: int, value: float) -> tuple[Floats, 
 
 
 def _within(points: Floats, centre: Floats, half: Floats) -> Bools:
-    return np.asarray(np.all(np.abs(points[:, :2] - centre) <= half, axis=1))
+    x, y = np.abs(points[:, 0] - centre[0]), np.abs(points[:, 1] - centre[1])
+    return np.asarray((x <= half[0]) & (y <= half[1]))
 
 
 def _shade(eye: Floats, rays: Floats, world: WorldLayout) -> tuple[Floats, Bools, Floats]:
@@ -97,7 +101,7 @@ def _shade(eye: Floats, rays: Floats, world: WorldLayout) -> tuple[Floats, Bools
     colour = np.where(on_box[:, None], BOX, TABLE)
     lit = light.ambient + light.strength * lambert(up, points, light)
     # the tray's own soft shadow on the table
-    beside = np.linalg.norm(np.maximum(np.abs(points[:, :2] - middle) - outer, 0.0), axis=1)
+    beside = np.hypot(*np.maximum(np.abs(points[:, :2] - middle) - outer, 0.0).T)
     lit *= 1.0 - 0.5 * np.exp(-beside / 0.012)
     colour = colour * lit[:, None]
     floor = np.zeros(len(rays), dtype=np.bool_)
@@ -115,14 +119,15 @@ def _shade(eye: Floats, rays: Floats, world: WorldLayout) -> tuple[Floats, Bools
             hit &= (side * rays[:, axis] > 0.0) & (wall_depth <= depth)  # inner faces only
             normal = np.zeros(3)
             normal[axis] = -side
+            wall_points = wall_points[hit]
             low = np.clip((wall_points[:, 2] - floor_z) / tray.wall_height_m, 0.0, 1.0)
             lit = light.ambient * (0.45 + 0.35 * low) + light.strength * lambert(normal, wall_points, light)
-            colour = np.where(hit[:, None], WALL * lit[:, None], colour)
+            colour[hit] = WALL * lit[:, None]
             depth, floor = np.where(hit, wall_depth, depth), floor & ~hit
     rim_depth, rim_points = _plane(eye, rays, 2, rim_z)
     rim = _within(rim_points, middle, outer) & ~_within(rim_points, middle, inner)
-    lit = light.ambient + light.strength * lambert(up, rim_points, light)
-    colour = np.where(rim[:, None], WALL * lit[:, None], colour)
+    lit = light.ambient + light.strength * lambert(up, rim_points[rim], light)
+    colour[rim] = WALL * lit[:, None]
     for axis in (0, 1):  # outer faces, for an eye that stands beside the tray
         for side in (-1.0, 1.0):
             face_depth, face_points = _plane(eye, rays, axis, middle[axis] + side * outer[axis])
@@ -133,8 +138,8 @@ def _shade(eye: Floats, rays: Floats, world: WorldLayout) -> tuple[Floats, Bools
             hit &= (side * rays[:, axis] < 0.0) & (face_depth < np.where(rim, rim_depth, depth))
             normal = np.zeros(3)
             normal[axis] = side
-            lit = 0.6 * light.ambient + light.strength * lambert(normal, face_points, light)
-            colour = np.where(hit[:, None], WALL * lit[:, None], colour)
+            lit = 0.6 * light.ambient + light.strength * lambert(normal, face_points[hit], light)
+            colour[hit] = WALL * lit[:, None]
             rim = rim | hit
     return colour, floor & ~rim, floor_points
 
@@ -183,10 +188,20 @@ def backdrop(slopes: Floats, base_from_camera: Floats, world: WorldLayout, seed:
 
 
 def _floor_texture(points: Floats, seed: int) -> Floats:
-    """Factors (K,) about 1 at x, y (K, 2): a rubber mat with mottle, grit and a few scratches."""
+    """Factors (K,) about 1 at x, y (K, 2)."""
+    pattern = _mat(seed)
+    index = np.floor(points / MAT_STEP_M).astype(np.int64) % MAT_SIZE
+    nearby = np.floor(points / MAT_STEP_M + 0.5).astype(np.int64) % MAT_SIZE
+    value = 0.5 * (pattern[index[:, 1], index[:, 0]] + pattern[nearby[:, 1], nearby[:, 0]])
+    return np.asarray(np.clip(value, 0.2, 4.0))
+
+
+# the same for every eye and from everywhere
+@lru_cache(maxsize=2)
+def _mat(seed: int) -> Floats:
+    """A rubber mat with mottle, grit and a few scratches."""
     rng = np.random.default_rng([seed, 5])
-    step = 0.0006
-    size = (512, 512)
+    size = (MAT_SIZE, MAT_SIZE)
     pattern = 1.0 + 0.16 * mottled(size, 1.0, rng) + 0.14 * mottled(size, 0.15, rng)
     grit = rng.random(size) > 0.9994
     pattern = np.where(grit, pattern + rng.uniform(0.8, 2.0, size), pattern)
@@ -198,7 +213,4 @@ def _floor_texture(points: Floats, seed: int) -> Floats:
         across = -(xx - x0) * np.sin(angle) + (yy - y0) * np.cos(angle) + 0.0008 * along**2
         scratch = (np.abs(along) < reach) * np.exp(-((across / 0.8) ** 2))
         pattern += 0.45 * scratch
-    index = np.floor(points / step).astype(np.int64) % 512
-    nearby = np.floor(points / step + 0.5).astype(np.int64) % 512
-    value = 0.5 * (pattern[index[:, 1], index[:, 0]] + pattern[nearby[:, 1], nearby[:, 0]])
-    return np.asarray(np.clip(value, 0.2, 4.0))
+    return np.asarray(pattern)

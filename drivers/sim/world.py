@@ -34,8 +34,9 @@ class Snapshot:
     """The world at one instant, for the renderer and for whoever wants the truth.
 
     ``lying`` sticks in the tray in the order they were dropped; ``held`` the one in the jaws;
-    ``pile_version`` changes whenever ``lying`` does. ``q`` (6,) joint angles, ``jaw_gap_m`` clear opening.
-    ``base_from_board`` (4, 4) of a calibration board, None where none is shown.
+    ``pile_version`` changes whenever ``lying`` does. ``q`` (6,) joint angles, ``jaw_gap_m`` clear opening;
+    ``base_from_flange`` and ``base_from_tool`` (4, 4), ``base_from_board`` of a calibration board, None where
+    none is shown.
     """
 
     lying: tuple[Stick, ...]
@@ -43,6 +44,7 @@ class Snapshot:
     pile_version: int
     q: Floats
     base_from_tool: Floats
+    base_from_flange: Floats
     jaw_gap_m: float
     base_from_board: Floats | None = None
 
@@ -111,15 +113,17 @@ class World:
             gap = held.diameter_m
         elif self._grip is Grip.CLOSED_EMPTY:
             gap = 0.0
-        tool = self.arm.base_from_tool()
+        flange = self.arm.base_from_flange()
+        tool = flange @ self.arm.flange_from_tool
         return Snapshot(
             lying=self._lying,
             held=held,
             pile_version=self._pile_version,
             q=self.arm.q.copy(),
             base_from_tool=tool,
+            base_from_flange=flange,
             jaw_gap_m=gap,
-            base_from_board=place_of(self.board, self.layout, tool, self.exposures),
+            base_from_board=place_of(self.board, self.layout, flange, self.exposures),
         )
 
     def _held_stick(self) -> Stick | None:

@@ -49,7 +49,7 @@ def make(folder: Path) -> Scenery:
         (folder / name).mkdir(parents=True)
         _write(folder / name, picture)
     calibration = folder / "calibration.json"
-    known = json.loads(calibration_text(layout.cameras))
+    known = json.loads(calibration_text(layout.cameras, layout.arm))
     known.pop("cameras", None)  # it is to serve whatever camera shows these pictures
     calibration.write_text(json.dumps(known), encoding="utf-8")
     ends = np.array([stick.ends for stick in snapshot.lying], np.float64)

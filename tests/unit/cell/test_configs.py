@@ -15,18 +15,20 @@ from tests.fakes.clock import FakeClock
 
 ROOT = Path(__file__).parents[3]
 CONFIGS = sorted((ROOT / "configs").glob("*/cell.yaml"))
-ARMS = [path for path in CONFIGS if path.parent.name != "demo"]
+ARMS = [path for path in CONFIGS if not path.parent.name.startswith("demo")]
 NAMES = [path.parent.name for path in ARMS]
 
 
 def test_there_is_one_for_each_kind_of_cell() -> None:
-    assert [path.parent.name for path in CONFIGS] == ["demo", "ur10e-gige", "ur5e-webcams"]
+    assert [path.parent.name for path in CONFIGS] == ["demo", "demo-on-arm", "ur10e-gige", "ur5e-webcams"]
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda p: p.parent.name)
 def test_it_is_checked_as_a_whole(path: Path) -> None:
     loaded = config.load(path)
-    assert wiring.check(loaded, str(path)).base_from_camera is not None
+    known = wiring.check(loaded, str(path))
+    place = known.tool_from_camera if loaded.cameras.mount == "tool" else known.base_from_camera
+    assert place is not None
 
 
 @pytest.mark.parametrize("path", ARMS, ids=NAMES)

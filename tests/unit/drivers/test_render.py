@@ -66,13 +66,15 @@ def test_a_ray_goes_through_the_point_that_was_projected(layout: WorldLayout, si
 
 
 def test_the_committed_calibration_belongs_to_the_committed_world(layout: WorldLayout) -> None:
-    assert (DEMO / "calibration.json").read_text(encoding="utf-8") == calibration_text(layout.cameras)
+    assert (DEMO / "calibration.json").read_text(encoding="utf-8") == calibration_text(
+        layout.cameras, layout.arm
+    )
 
 
 def test_the_calibration_takes_a_point_from_the_left_eye_to_the_right_and_to_the_base(
     layout: WorldLayout,
 ) -> None:
-    told = json.loads(calibration_text(layout.cameras))
+    told = json.loads(calibration_text(layout.cameras, layout.arm))
     left, right = eyes(layout.cameras)
     point = np.array([[0.03, -0.47, 0.025]])
     in_left = np.linalg.inv(np.array(told["base_from_camera"])) @ np.append(point[0], 1.0)
