@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
+from drivers.errors import DeviceUnavailable
 from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
     CameraSettings,
@@ -61,7 +62,7 @@ class Factory:
                 life = Life(
                     period_s=1.0 / settings.rate_hz,
                     lost_s=settings.lost_s,
-                    idle_s=settings.lost_s / 2.0,
+                    idle_s=min(settings.lost_s / 2.0, 3.0),  # an unanswered heartbeat shows at a word
                     good_frames=10,  # the camera's clock is known by the quickest of some frames
                 )
                 trigger = source.trigger if settings.trigger == "software" else None
@@ -91,11 +92,16 @@ class Factory:
 
         return checks(wanted)
 
-    def cameras_found(self) -> tuple[FoundCamera, ...]:
-        """The cameras that can be seen from here, configured or not; those of each kind by name."""
-        from drivers.camera import v4l2_list
+    def cameras_found(self) -> tuple[tuple[FoundCamera, ...], tuple[str, ...]]:
+        """The cameras that can be seen from here, configured or not, those of each kind by name; and which
+        kinds were not looked for, with what to install."""
+        from drivers.camera import gige_list, v4l2_list
 
-        return v4l2_list.found()
+        webcams = v4l2_list.found()
+        try:
+            return (*webcams, *gige_list.found()), ()
+        except DeviceUnavailable as error:
+            return webcams, (f"GigE Vision cameras were not looked for. {error.detail}",)
 
     def rig(self, left: CameraSettings, right: CameraSettings, max_skew_s: float) -> StereoRig:
         """Two cameras, ``camera.left`` and ``camera.right``, as a rig."""

@@ -45,11 +45,12 @@ class FramePair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCamera:
-    """A camera that is there, configured or not. ``device`` is what a configuration calls it; ``problem``
-    says why nothing more is known of it."""
+    """A camera that is there, configured or not. ``device`` is what a configuration calls it, under ``key``;
+    ``problem`` says why nothing more is known of it."""
 
     driver: str
     device: str
+    key: str = "device"
     also: tuple[str, ...] = ()
     model: str = ""
     formats: tuple[str, ...] = ()

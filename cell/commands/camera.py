@@ -57,19 +57,26 @@ def _list(arguments: argparse.Namespace) -> int:
     from drivers.timing import MonotonicClock
 
     console = Console(highlight=False, soft_wrap=True, markup=False)
-    cameras = Factory(MonotonicClock()).cameras_found()
+    cameras, not_asked = Factory(MonotonicClock()).cameras_found()
     for camera in cameras:
         console.print(_entry(camera, controls=arguments.controls))
     if not cameras:
         console.print(
             "no camera found. Webcams: plugged in, and the module uvcvideo loaded? (lsusb; modprobe uvcvideo)"
         )
+        if not not_asked:
+            console.print(
+                "GigE Vision cameras: power, cable, and an address in the network of this machine's port?"
+            )
+    for line in not_asked:
+        console.print(line)
+    if not cameras:
         return _NONE_FOUND
     return _OK
 
 
 def _entry(camera: FoundCamera, *, controls: bool) -> str:
-    lines = [f"driver: {camera.driver}, device: {camera.device}"]
+    lines = [f"driver: {camera.driver}, {camera.key}: {camera.device}"]
     lines += [f"  also {name}" for name in camera.also]
     if camera.problem:
         lines.append(f"  {camera.problem}")

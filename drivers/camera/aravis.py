@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import threading
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, Literal, Protocol, cast
 
@@ -72,29 +74,49 @@ class AravisCamera(Protocol):
     def stop_acquisition(self) -> None: ...
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answering:
+    """A camera that answered. ``device`` is the library's name of it; empty what it does not tell."""
+
+    device: str
+    serial: str
+    address: str
+    vendor: str
+    model: str
+
+
 class Aravis:
     """The few calls of the library that are not a camera's or a stream's own."""
 
     def __init__(self, namespace: Any, error: type[Exception]) -> None:
         self._namespace = namespace
+        # one list of what was found for the whole process: two owners must not read each other's
+        self._discovering = threading.Lock()
         self.Error = error
 
     def camera(self, device: str) -> AravisCamera:
         """Open by id or address and take control."""
         return cast(AravisCamera, self._namespace.Camera.new(device))
 
-    def discover(self) -> list[tuple[str, str]]:
-        """(id, serial) of every GigE Vision camera that answers on any network."""
+    def discover(self) -> list[Answering]:
+        """Every GigE Vision camera that answers on any network; takes a second."""
         space = self._namespace
-        for number in range(space.get_n_interfaces()):
-            name = space.get_interface_id(number)
-            if name != "GigEVision":
-                space.disable_interface(name)
-        space.update_device_list()
-        return [
-            (space.get_device_id(i), space.get_device_serial_nbr(i) or "")
-            for i in range(space.get_n_devices())
-        ]
+        with self._discovering:
+            for number in range(space.get_n_interfaces()):
+                name = space.get_interface_id(number)
+                if name != "GigEVision":
+                    space.disable_interface(name)
+            space.update_device_list()
+            return [
+                Answering(
+                    device=space.get_device_id(i),
+                    serial=space.get_device_serial_nbr(i) or "",
+                    address=space.get_device_address(i) or "",
+                    vendor=space.get_device_vendor(i) or "",
+                    model=space.get_device_model(i) or "",
+                )
+                for i in range(space.get_n_devices())
+            ]
 
     def is_controller(self, camera: AravisCamera) -> bool:
         """Whether it is under our control: nobody else holds it, and its heartbeat was answered.

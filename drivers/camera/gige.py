@@ -7,7 +7,6 @@ answer and not stream.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
 from typing import Final
@@ -31,8 +30,6 @@ _MOST_ASKED: Final = 32
 """Words not answered yet; a camera that takes none is lost long before."""
 _NEAR: Final = 0.02
 """A camera may round exposure, gain and rate by this share: it has steps."""
-_DISCOVERY: Final = threading.Lock()
-"""Aravis keeps one list of what it found for the whole process; two owners must not read each other's."""
 
 
 class GigeSource:
@@ -118,12 +115,11 @@ class GigeSource:
         wanted = self._settings
         if wanted.address is not None:
             return wanted.address
-        with _DISCOVERY:
-            found = library.discover()
-        for device, serial in found:
-            if serial == wanted.serial:
-                return device
-        there = ", ".join(serial for _, serial in found) or "none"
+        found = library.discover()
+        for one in found:
+            if one.serial == wanted.serial:
+                return one.device
+        there = ", ".join(one.serial for one in found) or "none"
         raise DeviceUnavailable(
             self._name,
             f"no camera of serial {wanted.serial} answers on any network; there are: {there}. Check power, "

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -124,6 +126,20 @@ def test_a_camera_is_found_by_its_serial_number_and_another_one_is_not(eyes: dic
         assert made.grab(newer_than=CLOCK.now(), timeout_s=5.0).pixels.shape == (480, 640)
     with pytest.raises(DeviceUnavailable, match=r"there are: .*LEFT"), camera(address=None, serial="NOBODY"):
         pass
+
+
+def test_the_list_of_cameras_names_each_by_serial_number_and_address(eyes: dict[str, Peer]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "cell", "camera", "list"],
+        cwd=gige.ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    for eye in gige.EYES:
+        assert f"driver: gige, serial: {eye.upper()}\n  also address: {gige.ADDRESSES[eye]}\n" in done.stdout
 
 
 def test_a_second_program_is_told_that_the_camera_is_held(eyes: dict[str, Peer]) -> None:

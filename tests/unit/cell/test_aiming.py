@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import pytest
 
 from cell.aiming import aim, width_px
 from cell.cli import main
+from drivers.camera import aravis
 from tests.fakes.station import DATA
 from vision.types import Grey
 
@@ -80,3 +82,15 @@ def test_list_tells_of_every_camera_or_what_to_try(capsys: pytest.CaptureFixture
     code = main(["camera", "list"])
     said = capsys.readouterr().out
     assert (code, "no camera found" in said) in ((0, False), (1, True))
+
+
+def test_list_says_what_to_install_for_cameras_it_cannot_look_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    aravis._loaded.cache_clear()
+    monkeypatch.setitem(sys.modules, "gi", None)  # as where the extra is not installed
+    main(["camera", "list"])
+    aravis._loaded.cache_clear()
+    said = capsys.readouterr().out
+    assert "GigE Vision cameras were not looked for" in said
+    assert "mikado-cell[gige]" in said
