@@ -1,4 +1,4 @@
-"""After the warm-up nothing is compiled any more: the first order of a day takes no longer than the others."""
+"""After the warm-up nothing is compiled any more: the first order of a day is as quick as the others."""
 
 from __future__ import annotations
 
