@@ -25,6 +25,7 @@ class ContractCheck:
         self._accepted_by: int | None = None
         self._acknowledged = 0
         self._closed: set[int] = set()
+        self._published = (0, -1)
         self._beat_at: float | None = None
         self._line = 0
         self._beat_line = 0
@@ -121,8 +122,12 @@ class ContractCheck:
                 return [f"result of {sequence} changed while it was valid"]
             return []
         broken = []
+        # a cell that has restarted may not know that its result was taken, and shows it once more
+        again = self._published[0] == sequence and self._published[1] != status.boot_id
+        self._published = (sequence, status.boot_id)
         if sequence in self._closed:
-            broken.append(f"a second result of {sequence}")
+            if not again:
+                broken.append(f"a second result of {sequence}")
         elif sequence != self._ordered and (self._ordered or self._closed):
             broken.append(f"a result of {sequence} while {self._ordered or 'nothing'} was ordered")
         elif self._ordered and self._accepted_by is None:

@@ -37,6 +37,8 @@ from tests.system.processes import (
 
 SPEED = "60"
 STICKS = 5
+MOST_STUCK, FULL_TRAY = 2, 16
+"""Orders in a row for which no part had room for the jaws; then somebody throws in more, up to so many."""
 RECOVER_S = 40.0
 ORDER_S = 40.0
 FORGOTTEN_S = 6.0
@@ -106,6 +108,7 @@ class Night:
         self.samples: list[list[Sample]] = []
         self.added = STICKS
         self.still = 0
+        self.stuck = 0
         self._room: Callable[[], object] | None = None
         self.balance: dict[str, int] = {}
         self._stack = stack
@@ -138,7 +141,9 @@ class Night:
     def order(self, fault: str) -> Order:
         """One order of the PLC with one fault in it, or none; it has come to its end when this returns."""
         self.recover()
-        if self.cell.count("in_tray") < 2:
+        lying = self.cell.count("in_tray")
+        if lying < 2 or (self.stuck >= MOST_STUCK and lying < FULL_TRAY):
+            self.stuck = 0
             self.cell.ask("add_sticks", count=STICKS)
             self.added += STICKS
         self.nothing_moved("between two orders")
@@ -224,6 +229,7 @@ class Night:
         order.boxed = after.whole("in_box") - order.boxed_before
         if order.refused and order.motions:
             self.observer.strange.append(f"{order.seq} was refused, and the arm moved")
+        self.stuck = self.stuck + 1 if ResultCode.COLLISION in order.codes else 0
         for code in order.codes or {order.refused}:
             name = "FORGOTTEN" if code < 0 else ResultCode(code).name
             self.results[name if order.codes else f"refused {name}"] += 1
