@@ -17,17 +17,8 @@ from cell.commissioning import CommissioningConfig
 from cell.errors import ConfigError
 from cell.operation import OperationConfig
 from cell.products import TOLD_BY_WIDTH, ColourConfig, PartConfig
-from drivers.settings import (
-    CameraSettings,
-    GripperSettings,
-    PlcSettings,
-    ReplayCameraSettings,
-    RobotSettings,
-    Settings,
-    Six,
-    UrRobotSettings,
-    runs_freely,
-)
+from drivers.camera_settings import CameraSettings, ReplayCameraSettings, runs_freely
+from drivers.settings import GripperSettings, PlcSettings, RobotSettings, Settings, Six, UrRobotSettings
 from vision.types import Tuning
 
 Three = tuple[float, float, float]

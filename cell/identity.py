@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from cell.config import CamerasConfig
-from drivers.settings import CameraSettings, ReplayCameraSettings
+from drivers.camera_settings import CameraSettings, ReplayCameraSettings
 
 _TELLING: Final = ("serial", "address", "device", "eye")
 """Settings that name one device; the first a driver has counts."""

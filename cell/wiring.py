@@ -22,15 +22,15 @@ from cell.moved import Standing
 from cell.pattern import Places
 from cell.pictures import PictureCheck
 from cell.station import Look, Stage, Station
-from drivers.factory import Factory
-from drivers.interfaces import Device, Plc
-from drivers.settings import (
+from drivers.camera_settings import (
     CameraSettings,
     GigeCameraSettings,
     ReplayCameraSettings,
     SimCameraSettings,
     V4l2CameraSettings,
 )
+from drivers.factory import Factory
+from drivers.interfaces import Device, Plc
 from drivers.timing import Clock
 from vision.transforms import identity
 

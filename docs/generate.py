@@ -81,6 +81,7 @@ def _type_name(annotation: object) -> str:
         "cell.config.",
         "cell.operation.",
         "drivers.settings.",
+        "drivers.camera_settings.",
         "<class '",
         "'>",
     ):

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
+from drivers.camera_settings import (
+    CameraSettings,
+    GigeCameraSettings,
+    ReplayCameraSettings,
+    SimCameraSettings,
+    V4l2CameraSettings,
+    runs_freely,
+)
 from drivers.errors import DeviceUnavailable
 from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
 from drivers.settings import (
-    CameraSettings,
-    GigeCameraSettings,
     GripperSettings,
     ModbusPlcSettings,
     ModbusServerPlcSettings,
     PlcSettings,
-    ReplayCameraSettings,
     RobotIoGripperSettings,
     RobotiqGripperSettings,
     RobotSettings,
-    SimCameraSettings,
     SimGripperSettings,
     SimRobotSettings,
     UrRobotSettings,
-    V4l2CameraSettings,
-    runs_freely,
 )
 from drivers.timing import Clock
 from drivers.types import Check, FoundCamera

@@ -18,8 +18,8 @@ from drivers.camera.aravis import Aravis, AravisBuffer, AravisCamera, AravisStre
 from drivers.camera.device_clock import DeviceClock, missed
 from drivers.camera.gige_pixels import decode
 from drivers.camera.source import Counters
+from drivers.camera_settings import GigeCameraSettings
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable, DriverError
-from drivers.settings import GigeCameraSettings
 from drivers.timing import Clock
 from drivers.types import Frame
 

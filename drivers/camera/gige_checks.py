@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from drivers.camera import aravis
+from drivers.camera_settings import GigeCameraSettings
 from drivers.errors import DeviceUnavailable
-from drivers.settings import GigeCameraSettings
 from drivers.types import Check
 
 _RMEM_MAX: Final = Path("/proc/sys/net/core/rmem_max")

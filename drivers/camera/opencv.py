@@ -6,16 +6,16 @@ missing (it counts neither), whether the power line frequency and the rate in th
 
 from __future__ import annotations
 
-import os
 from typing import Final
 
 import cv2
 import numpy as np
 
 from drivers.camera.source import Counters
-from drivers.camera.v4l2_errors import explained
+from drivers.camera.v4l2_device import VideoDevice
+from drivers.camera.v4l2_errors import told_as_ours
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.errors import CommandRejected, DeviceUnavailable
-from drivers.settings import V4l2CameraSettings
 from drivers.timing import Clock
 from drivers.types import Frame
 
@@ -52,11 +52,8 @@ class OpencvSource:
         settings, path = self._settings, self._settings.device
         if settings.format == "GREY":
             raise CommandRejected(self._name, "format GREY: OpenCV has no way to it; use `capture: ioctl`")
-        try:
-            # OpenCV does not say why it cannot open
-            os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC))
-        except OSError as error:
-            raise explained(self._name, path, "open", error) from error
+        with told_as_ours(self._name, path, "open"):
+            VideoDevice(path).close()  # OpenCV does not say why it cannot open
         capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         self._capture = capture
         try:

@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from drivers.camera_settings import ReplayCameraSettings
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
-from drivers.settings import ReplayCameraSettings
 from drivers.timing import Clock
 from drivers.types import Frame, Pixels
 

@@ -15,9 +15,9 @@ from typing import Final
 from drivers.camera import decode, v4l2_controls
 from drivers.camera.source import Counters
 from drivers.camera.v4l2_device import Filled, PictureFormat, VideoDevice
-from drivers.camera.v4l2_errors import explained
+from drivers.camera.v4l2_errors import explained, told_as_ours
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.errors import CommandRejected, DeviceUnavailable, DriverError
-from drivers.settings import V4l2CameraSettings
 from drivers.timing import Clock
 from drivers.types import Frame
 
@@ -59,16 +59,12 @@ class V4l2Source:
         """
         self.stop()
         path = self._settings.device
-        try:
+        with told_as_ours(self._name, path, "open"):
             device = self._opener(path)
-        except OSError as error:
-            raise explained(self._name, path, "open", error) from error
         self._device = device
         try:
-            self._configure(device)
-        except OSError as error:
-            self.stop()
-            raise explained(self._name, path, "configure", error) from error
+            with told_as_ours(self._name, path, "configure"):
+                self._configure(device)
         except BaseException:
             self.stop()
             raise
@@ -120,10 +116,8 @@ class V4l2Source:
         self._format = self._set_format(device)
         asked = v4l2_controls.wanted(settings)
         v4l2_controls.apply(self._name, path, device, asked)
-        try:
+        with told_as_ours(self._name, path, "begin to stream from"):
             monotonic = device.stream(settings.buffers)
-        except OSError as error:
-            raise explained(self._name, path, "begin to stream from", error) from error
         if not monotonic:
             raise CommandRejected(
                 self._name,
@@ -135,10 +129,8 @@ class V4l2Source:
 
     def _set_format(self, device: VideoDevice) -> PictureFormat:
         settings, path = self._settings, self._settings.device
-        try:
+        with told_as_ours(self._name, path, "set the format of"):
             got = device.set_format(settings.width_px, settings.height_px, settings.format)
-        except OSError as error:
-            raise explained(self._name, path, "set the format of", error) from error
         if (got.width_px, got.height_px, got.letters) != (
             settings.width_px,
             settings.height_px,

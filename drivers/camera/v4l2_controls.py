@@ -10,8 +10,8 @@ from typing import Final
 
 from drivers.camera.v4l2_device import ControlRange, VideoDevice
 from drivers.camera.v4l2_errors import explained
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.errors import CommandRejected
-from drivers.settings import V4l2CameraSettings
 
 AUTO_EXPOSURE: Final = 0x009A0901
 EXPOSURE: Final = 0x009A0902

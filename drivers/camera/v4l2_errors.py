@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -62,6 +64,15 @@ def explained(name: str, device: Path, doing: str, error: OSError) -> DriverErro
     if code in (errno.EINVAL, errno.ENOTTY, errno.ERANGE):
         return CommandRejected(name, f"{said}; the driver of this device does not do that")
     return DeviceUnavailable(name, said)
+
+
+@contextmanager
+def told_as_ours(name: str, device: Path, doing: str) -> Iterator[None]:
+    """What the kernel refuses meanwhile is raised as `explained`."""
+    try:
+        yield
+    except OSError as error:
+        raise explained(name, device, doing, error) from error
 
 
 def held_by(device: Path, processes: Path = Path("/proc")) -> tuple[str, ...]:

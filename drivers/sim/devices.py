@@ -12,6 +12,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from drivers.camera_settings import SimCameraSettings
 from drivers.errors import (
     CommandRejected,
     DeviceTimeout,
@@ -20,7 +21,7 @@ from drivers.errors import (
     SafetyStop,
     StaleData,
 )
-from drivers.settings import SimCameraSettings, SimGripperSettings, SimRobotSettings
+from drivers.settings import SimGripperSettings, SimRobotSettings
 from drivers.sim.protocol import Json, Message, ProtocolError, receive, send
 from drivers.timing import Clock, StopRequested, StopToken
 from drivers.types import (

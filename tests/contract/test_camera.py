@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from drivers.camera.replay import ReplayCamera
+from drivers.camera_settings import ReplayCameraSettings, SimCameraSettings, V4l2CameraSettings
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
 from drivers.factory import Factory
 from drivers.interfaces import Camera
-from drivers.settings import ReplayCameraSettings, SimCameraSettings, V4l2CameraSettings
 from drivers.sim.devices import SimCamera
 from drivers.timing import MonotonicClock
 from tests.fakes.camera import FakeCamera

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drivers.camera.pair import TwoCameraRig
+from drivers.camera_settings import ReplayCameraSettings, SimCameraSettings
 from drivers.errors import DeviceTimeout, DeviceUnavailable, StaleData
 from drivers.factory import Factory
-from drivers.settings import ReplayCameraSettings, SimCameraSettings
 from drivers.timing import MonotonicClock
 from drivers.types import Frame, Pixels
 from tests.fakes.camera import FakeCamera

@@ -18,7 +18,7 @@ from typing import Final
 
 import pytest
 
-from drivers.settings import GigeCameraSettings
+from drivers.camera_settings import GigeCameraSettings
 
 ROOT: Final = Path(__file__).parents[2]
 NETNS: Final = Path(__file__).with_name("netns.sh")

@@ -27,7 +27,7 @@ import gi
 import numpy as np
 import numpy.typing as npt
 
-from drivers.settings import SimCameraSettings
+from drivers.camera_settings import SimCameraSettings
 from drivers.sim.devices import Link, SimCamera
 from drivers.timing import MonotonicClock
 from tests.lab import stamp

@@ -18,9 +18,10 @@ from cell import calibration, config, wiring
 from cell.faults import PictureUnusable
 from cell.frames import grey_of
 from cell.mounting import grab_from_arm
+from drivers.camera_settings import SimCameraSettings
 from drivers.factory import Factory
 from drivers.interfaces import StereoRig
-from drivers.settings import SimCameraSettings, SimRobotSettings
+from drivers.settings import SimRobotSettings
 from drivers.sim.devices import Link, SimRobot
 from drivers.sim.geometry import Floats
 from drivers.timing import MonotonicClock, StopRequested, StopToken

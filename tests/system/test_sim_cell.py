@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from drivers.camera_settings import SimCameraSettings
 from drivers.errors import CommandRejected
-from drivers.settings import SimCameraSettings
 from drivers.sim.devices import SimCamera
 from drivers.timing import MonotonicClock
 from tests.fakes.simcell import ROOT, WORLD, sim_cell

@@ -23,9 +23,9 @@ from drivers.camera.opencv import OpencvSource
 from drivers.camera.source import Source
 from drivers.camera.v4l2 import V4l2Source
 from drivers.camera.v4l2_list import found
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.errors import DriverError
 from drivers.factory import Factory
-from drivers.settings import V4l2CameraSettings
 from drivers.timing import MonotonicClock
 from drivers.types import Frame, Pixels
 from tests.lab.vm.webcam import BITS, tell

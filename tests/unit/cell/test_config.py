@@ -8,7 +8,7 @@ import pytest
 
 from cell import config
 from cell.errors import ConfigError
-from drivers.settings import ReplayCameraSettings
+from drivers.camera_settings import ReplayCameraSettings
 from tests.fakes.station import DATA
 
 TEXT = (DATA / "cell.yaml").read_text()

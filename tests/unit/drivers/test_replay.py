@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.camera.replay import ReplayCamera, natural
+from drivers.camera_settings import ReplayCameraSettings
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable
-from drivers.settings import ReplayCameraSettings
 from tests.fakes.clock import FakeClock
 
 

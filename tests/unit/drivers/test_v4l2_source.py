@@ -24,8 +24,8 @@ from drivers.camera.v4l2_device import (
     PictureFormat,
     VideoDevice,
 )
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.errors import CommandRejected, DeviceUnavailable, DriverError
-from drivers.settings import V4l2CameraSettings
 from tests.fakes.clock import FakeClock
 
 PATH = "/dev/v4l/by-path/lab-video-index0"
