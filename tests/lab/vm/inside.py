@@ -28,7 +28,8 @@ from drivers.errors import DriverError
 from drivers.factory import Factory
 from drivers.timing import MonotonicClock
 from drivers.types import Frame, Pixels
-from tests.lab.vm.webcam import BITS, tell
+from tests.lab.vm.numbered import BITS
+from tests.lab.vm.webcam import tell
 
 CLOCK = MonotonicClock()
 EYES = ("left", "right")
