@@ -285,6 +285,7 @@ def rate(seconds: float, **changed: object) -> Json:
     both = [source(port, **changed) for port in (0, 1)]
     told: list[Json] = [{}, {}]
     used = [0.0, 0.0]
+    opened: list[list[float]] = [[], []]
 
     def watch(port: int) -> None:
         one = both[port]
@@ -302,6 +303,7 @@ def rate(seconds: float, **changed: object) -> Json:
         exposed = state["begun"]
         assert isinstance(exposed, dict)
         delays = [at - exposed[str(n)] for n, _, at in seen if str(n) in exposed]
+        opened[port] = [exposed[str(n)] for n, _, _ in seen if str(n) in exposed]
         early = [exposed[str(n)] - stamp for n, stamp, _ in seen if str(n) in exposed]
         numbers = [n for n, _, _ in seen]
         counted = one.counters()
@@ -330,7 +332,12 @@ def rate(seconds: float, **changed: object) -> Json:
     finally:
         for one in both:
             one.stop()
-    return {"cameras": told, "cpu_percent": 100.0 * sum(used) / seconds}
+    skews = sorted(min(abs(one - other) for other in opened[1]) for one in opened[0] if opened[1])
+    return {
+        "cameras": told,
+        "cpu_percent": 100.0 * sum(used) / seconds,
+        "skew_s": [skews[int(share * (len(skews) - 1))] for share in (0.5, 0.95, 1.0)] if skews else [],
+    }
 
 
 def main(argv: list[str]) -> None:
