@@ -4,6 +4,7 @@ knows the truth of the simulation."""
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -29,14 +30,16 @@ class Commissioner:
 
     folder: Path
     cell: SimCell
+    start: Path = DEMO
+    """The configuration to begin with."""
 
     def configure(self) -> None:
         """The demo's configuration with the cell's port, its world beside it, and nothing calibrated."""
         for name in ("world.yaml", "ur.yaml"):
-            (self.folder / name).write_bytes((DEMO / name).read_bytes())
-        text = (DEMO / "cell.yaml").read_text(encoding="utf-8")
+            (self.folder / name).write_bytes((self.start / name).read_bytes())
+        text = (self.start / "cell.yaml").read_text(encoding="utf-8")
         text = text.replace("port: 5100", f"port: {self.cell.port}")
-        text = text.replace("look_timeout_s: 4.0", "look_timeout_s: 60.0")
+        text = re.sub(r"look_timeout_s: [0-9.]+", "look_timeout_s: 60.0", text)
         (self.folder / "cell.yaml").write_text(text, encoding="utf-8")
         (self.folder / "board.yaml").write_text(yaml.safe_dump(BOARD), encoding="utf-8")
 
