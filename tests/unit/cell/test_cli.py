@@ -73,7 +73,8 @@ def test_checking_opens_no_device_and_needs_no_detector() -> None:
             "-c",
             "import sys; from cell.cli import main; code = main(['check', sys.argv[1]]);"
             "heavy = ('vision.locate', 'vision.default', 'pymodbus', 'drivers.sim.', 'drivers.camera.');"
-            "print(sorted(m for m in sys.modules if (m + '.').startswith(heavy)), file=sys.stderr); sys.exit(code)",
+            "loaded = sorted(m for m in sys.modules if (m + '.').startswith(heavy));"
+            "print(loaded, file=sys.stderr); sys.exit(code)",
             str(DATA / "cell.yaml"),
         ],
         capture_output=True,
