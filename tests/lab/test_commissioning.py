@@ -14,7 +14,7 @@ from tests.fakes.simcell import sim_cell
 
 @pytest.fixture(autouse=True)
 def asked_for(pytestconfig: pytest.Config) -> None:
-    """Five minutes on a machine of its own; the short version is in tests/system/test_hand_eye.py."""
+    """Ten minutes on a machine of its own; the short version is in tests/system/test_hand_eye.py."""
     if pytestconfig.getoption("--picks") is None:
         pytest.skip("the whole chain takes minutes: make soak")
 
@@ -59,9 +59,12 @@ def test_a_cell_calibrated_from_nothing_empties_its_tray(tmp_path: Path) -> None
     assert np.median(errors) < 0.5
     assert errors.max() < 1.0
 
-    demo = person.mikado("demo", "--config", "cell.yaml", "--driver", "sim", "--speed", "1", timeout_s=400.0)
-    print(demo.stdout)
-    assert demo.returncode == 0, demo.stdout + demo.stderr
-    summary = json.loads((tmp_path / "demo-out" / "summary.json").read_text())
-    assert summary["in_box"] == 12
-    assert summary["picked"] == 12
+    for driver in ("sim", "ur"):  # the simulated cell's own arm, then the UR driver over RTDE
+        out = f"demo-{driver}"
+        demo = person.mikado(
+            "demo", "--config", "cell.yaml", "--driver", driver, "--speed", "1", "--out", out, timeout_s=400.0
+        )
+        print(demo.stdout)
+        assert demo.returncode == 0, demo.stdout + demo.stderr
+        summary = json.loads((tmp_path / out / "summary.json").read_text())
+        assert (summary["driver"], summary["in_box"], summary["picked"]) == (driver, 12, 12)
