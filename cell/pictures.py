@@ -10,13 +10,15 @@ import structlog
 from cell import calibration, frames
 from cell.calibration import Calibration
 from cell.colours import in_colour
+from cell.empty_tray import TAKE
 from cell.faults import CameraMoved, PictureUnusable
 from drivers.types import Frame, FramePair, Pixels
 from vision import epipolar, light, quality, sharpness
+from vision.empty import change
 from vision.epipolar import RowResidual
 from vision.light import LightChange
 from vision.stereo import Rectification, rectification
-from vision.types import Grey, PictureFlaw, Plane, Unusable
+from vision.types import EmptyTray, Grey, PictureFlaw, Plane, Unusable
 
 log = structlog.get_logger()
 
@@ -47,11 +49,13 @@ class PictureCheck:
 
     Without ``standing`` it does not look whether a camera was moved. ``remarks`` on the last pair are no
     reason to refuse it: the detector does not mind another light, but somebody may have to look at lamp or
-    exposure.
+    exposure. With ``empty`` it also remarks that the reference of the empty tray does not suit any more.
     """
 
-    def __init__(self, standing: Standing | None = None) -> None:
+    def __init__(self, standing: Standing | None = None, empty: EmptyTray | None = None) -> None:
         self._standing = standing
+        self._empty = empty
+        self._unlike: tuple[str, ...] = ()
         self._last: dict[str, Grey] = {}
         self.remarks: tuple[str, ...] = ()
 
@@ -70,7 +74,27 @@ class PictureCheck:
         left, right = self._check(pair.left), self._check(pair.right)
         if self._standing is not None:
             refuse_moved(self._standing.row_residual(left, right), pair.left.camera, pair.right.camera)
+        if self._empty is not None:
+            self._compare(pair, (left, right), self._empty)
         return left, right
+
+    def _compare(self, pair: FramePair, greys: tuple[Grey, Grey], empty: EmptyTray) -> None:
+        """Remark, and log once, that the reference of the empty tray does not suit the pictures any more."""
+        unlike = tuple(
+            frame.camera
+            for frame, grey, reference in zip(
+                (pair.left, pair.right), greys, (empty.left, empty.right), strict=True
+            )
+            if not change(grey, reference).usable
+        )
+        self.remarks += tuple(
+            f"{camera}: looks so unlike the empty tray's picture that it is left out: the camera was moved, "
+            f"the light changed, or the bin is too full; if it stays so, {TAKE}"
+            for camera in unlike
+        )
+        if unlike and unlike != self._unlike:
+            log.warning("empty_tray_left_out", cameras=unlike, do=TAKE)
+        self._unlike = unlike
 
     def stand(self, standing: Standing) -> None:
         """The next pair is taken from here: cameras on the arm stand elsewhere at each look."""

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from cell import calibration, frames, wiring
+from cell import calibration, empty_tray, frames, wiring
 from cell import config as configuration
 from cell.calibration import Calibration
 from cell.colours import in_colour
@@ -126,7 +126,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
             pair, view = _taken(config, mounting, rig, robot, clock)
             check.stand(mounting.standing(view))
             check.check(pair)
-    tuning = config.tuning.tuning()
+    tuning = empty_tray.tuning_of(config)
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
     among = config.among(part)
