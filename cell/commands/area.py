@@ -93,16 +93,16 @@ def run_teach(arguments: argparse.Namespace) -> int:
             raise UsageError(f"--height-mm {arguments.height_mm}: from 1 to 500 millimetres above the floor")
         heights = 1e-3 * arguments.height_mm
     if arguments.touch is not None:
-        from cell.commission.arm import SlowArm, halted_by_ctrl_c
+        from cell.commission.arm import LedArm, halted_by_ctrl_c
         from cell.commission.questions import line
         from drivers.factory import Factory
         from drivers.timing import StopRequested
 
-        robot = Factory(clock).robot("robot", config.robot)
+        robot = Factory(clock).watched_arm("robot", config.robot)
         robot.open()
         try:
             with halted_by_ctrl_c(clock) as stop:
-                arm = SlowArm(robot=robot, stop=stop)
+                arm = LedArm(robot=robot, stop=stop)
                 points = area.led_points(arm, arguments.touch, config.jaws.tip_beyond_tool_m, line)
         except StopRequested as error:
             raise UsageError(str(error)) from error

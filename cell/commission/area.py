@@ -17,7 +17,7 @@ from rich.console import Console
 from cell import calibration
 from cell import config as configuration
 from cell.commission import changed
-from cell.commission.arm import PATIENCE_S, SlowArm
+from cell.commission.arm import PATIENCE_S, LedArm
 from cell.config import CellConfig
 from cell.emptiness import on_plane
 from cell.errors import UsageError
@@ -32,7 +32,7 @@ LEAST_POINTS: Final = 3
 GRID_PX: Final = 40
 
 
-def led_points(arm: SlowArm, count: int, tip_m: float, line: Callable[[str], str]) -> Floats:
+def led_points(arm: LedArm, count: int, tip_m: float, line: Callable[[str], str]) -> Floats:
     """(N, 3) m, base frame: where the tips stood when the person said so; ``tip_m`` beyond the tool point."""
     points = []
     for k in range(count):
