@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from vision import binarize, graph, thin
@@ -69,6 +70,16 @@ class _Picture:
     lines: Lines
 
 
+WARM_UP_STICKS = (
+    (150.0, 60.0, 10.0, 75.0),
+    (240.0, 150.0, 80.0, 75.0),
+    (200.0, 190.0, 40.0, 76.0),
+    (240.0, 140.0, 0.0, 77.0),
+    (120.0, 160.0, 60.0, 75.0),
+)
+"""Middle in the left picture, direction and disparity; later ones lie on top."""
+
+
 def locate_default(
     left_grey: Grey,
     right_grey: Grey,
@@ -115,7 +126,8 @@ def locate_default(
     tell = observe or _nobody
     frame = frame_of(stereo_model, replace(part, length_m=weighing_length_m(parts)), tuning, table)
     sizes = sizes_of(parts, frame)
-    greys = (left_grey, right_grey)
+    # views closed for writing, whatever came: compiled code is made anew for each kind of array
+    greys = (read_only(np.ascontiguousarray(left_grey)[:]), read_only(np.ascontiguousarray(right_grey)[:]))
     pictures = _look(greys, frame, tuning, 0.0, tell)
 
     pool = _propose(pictures, frame, sizes, tell)
@@ -320,26 +332,38 @@ def warm_up() -> None:
     starts load the compiled code from disk.
     """
     camera = CameraModel(
-        matrix=read_only(np.array([[300.0, 0.0, 80.0], [0.0, 300.0, 60.0], [0.0, 0.0, 1.0]])),
+        matrix=read_only(np.array([[600.0, 0.0, 160.0], [0.0, 600.0, 120.0], [0.0, 0.0, 1.0]])),
         distortion=read_only(np.zeros(5)),
-        width_px=160,
-        height_px=120,
+        width_px=320,
+        height_px=240,
     )
     right_from_left = Transform(
         rotation=read_only(np.eye(3)), translation=read_only(np.array([-0.05, 0.0, 0.0]))
     )
     stereo_model = StereoModel(left=camera, right=camera, right_from_left=right_from_left)
-    part = PartModel(code=0, name="warm-up", length_m=0.04, length_tolerance_m=0.004, diameter_m=0.005)
-    left, right = np.full((2, 120, 160), 20, np.uint8)
-    left[57:62, 70:100] = right[57:62, 32:62] = 220
-    left[40:80, 83:88] = right[40:80, 45:50] = 220
+    part = PartModel(code=0, name="warm-up", length_m=0.08, length_tolerance_m=0.008, diameter_m=0.005)
+    left, right = _warm_up_picture(0), _warm_up_picture(1)
     thin.zhang_suen(left > 100)
     tuning = Tuning(depth_m=(0.3, 0.5))
     locate_default(left, right, stereo_model, part, tuning)
     # an empty table, and one camera that sees nothing, must not compile anything in the middle of an order
-    locate_default(np.full_like(left, 20), np.full_like(left, 20), stereo_model, part, tuning)
-    locate_default(left, np.full_like(left, 20), stereo_model, part, tuning)
+    empty = np.full_like(left, 20)
+    locate_default(empty, empty, stereo_model, part, tuning)
+    locate_default(left, empty, stereo_model, part, tuning)
     warm_up_shapes()
+
+
+def _warm_up_picture(view: int) -> Grey:
+    """Sticks of 120 by 7 px, some across others, 75 px of disparity and more; (240, 320)."""
+    grey = np.full((240, 320), 20, np.uint8)
+    for x, y, turn_deg, disparity in WARM_UP_STICKS:
+        dx, dy = 60 * np.cos(np.radians(turn_deg)), 60 * np.sin(np.radians(turn_deg))
+        for width, value in ((7, 120), (5, 170), (3, 220)):
+            ends = [
+                (round(16 * (x + s * dx - view * disparity)), round(16 * (y + s * dy))) for s in (-1.0, 1.0)
+            ]
+            cv2.line(grey, ends[0], ends[1], value, width, cv2.LINE_AA, 4)
+    return grey
 
 
 def _nobody(_stage: str, _product: object) -> None:

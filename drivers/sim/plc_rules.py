@@ -6,6 +6,8 @@ makes, in order; it answers with sentences about broken rules. Pure: the caller 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from drivers.plc_map import MAP_VERSION
 from drivers.types import PlcOutputs
 
@@ -25,6 +27,7 @@ class ContractCheck:
         self._accepted_by: int | None = None
         self._acknowledged = 0
         self._closed: set[int] = set()
+        self._published = (0, -1)
         self._beat_at: float | None = None
         self._line = 0
         self._beat_line = 0
@@ -34,6 +37,10 @@ class ContractCheck:
         self._ordered, self._accepted_by = sequence, None
         self._known.add(sequence)
         self._closed.discard(sequence)
+
+    def remembered(self, sequences: Iterable[int]) -> None:
+        """A program before this one has written these: a cell may come back to them."""
+        self._known.update(sequences)
 
     def acknowledged(self, sequence: int) -> None:
         """The program has written this result acknowledgement."""
@@ -121,8 +128,12 @@ class ContractCheck:
                 return [f"result of {sequence} changed while it was valid"]
             return []
         broken = []
+        # a cell that has restarted may not know that its result was taken, and shows it once more
+        again = self._published[0] == sequence and self._published[1] != status.boot_id
+        self._published = (sequence, status.boot_id)
         if sequence in self._closed:
-            broken.append(f"a second result of {sequence}")
+            if not again:
+                broken.append(f"a second result of {sequence}")
         elif sequence != self._ordered and (self._ordered or self._closed):
             broken.append(f"a result of {sequence} while {self._ordered or 'nothing'} was ordered")
         elif self._ordered and self._accepted_by is None:

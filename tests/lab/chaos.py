@@ -37,6 +37,8 @@ from tests.system.processes import (
 
 SPEED = "60"
 STICKS = 5
+MOST_STUCK, FULL_TRAY = 2, 16
+"""Orders in a row for which nothing could be picked; then somebody throws in more, up to so many."""
 RECOVER_S = 40.0
 ORDER_S = 40.0
 FORGOTTEN_S = 6.0
@@ -106,6 +108,7 @@ class Night:
         self.samples: list[list[Sample]] = []
         self.added = STICKS
         self.still = 0
+        self.stuck = 0
         self._room: Callable[[], object] | None = None
         self.balance: dict[str, int] = {}
         self._stack = stack
@@ -138,7 +141,9 @@ class Night:
     def order(self, fault: str) -> Order:
         """One order of the PLC with one fault in it, or none; it has come to its end when this returns."""
         self.recover()
-        if self.cell.count("in_tray") < 2:
+        lying = self.cell.count("in_tray")
+        if lying < 2 or (self.stuck >= MOST_STUCK and lying < FULL_TRAY):
+            self.stuck = 0
             self.cell.ask("add_sticks", count=STICKS)
             self.added += STICKS
         self.nothing_moved("between two orders")
@@ -208,7 +213,10 @@ class Night:
             self.plc.program.rules.ordered(order.seq)  # its result is to be published anew
         self.plc.change(cmd_code=int(PlcCommand.HOME))
         self.plc.change(cmd_seq=order.seq)
-        time.sleep(0.4)
+        if order.codes:
+            self.plc.wait(lambda s: s.result_valid and s.result_seq == order.seq, "its result again")
+        else:
+            time.sleep(0.4)
         now = self.cell.count("motions")
         if now != motions and not order.refused:
             self.observer.strange.append(f"{order.seq} shown again moved the arm")
@@ -224,6 +232,8 @@ class Night:
         order.boxed = after.whole("in_box") - order.boxed_before
         if order.refused and order.motions:
             self.observer.strange.append(f"{order.seq} was refused, and the arm moved")
+        nothing = order.codes & {int(ResultCode.COLLISION), int(ResultCode.NO_PART_FOUND)}
+        self.stuck = self.stuck + 1 if nothing else 0
         for code in order.codes or {order.refused}:
             name = "FORGOTTEN" if code < 0 else ResultCode(code).name
             self.results[name if order.codes else f"refused {name}"] += 1
@@ -286,6 +296,7 @@ class Night:
         self.plc = self._new_plc()
         self.plc.sequence = self.last_seq
         with self.plc.program.lock:
+            self.plc.program.rules.remembered(self.observer.orders)
             self.plc.program.rules.ordered(self.last_seq)  # it may come back to a result of this one
 
     def pull_cable(self) -> None:

@@ -11,6 +11,7 @@ import random
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -103,10 +104,10 @@ def judge(bad: Night, seed: int) -> None:
         assert order.grasps <= 1, f"{where}: carried out twice: {order}"
         assert order.boxed <= 1 + order.held_before, f"{where}: carried out twice: {order}"
         assert order.motions <= MOST_MOTIONS, f"{where}: {order}"
-    surprised = [order for order in bad.observer.orders.values() if order.refused and not order.fault]
-    assert len(surprised) <= max(2, len(bad.observer.orders) // 50), f"{where}: {surprised}"
-    # a fault may come between `ready` and the order: late news on a busy machine, the rest of the one before
-    assert {order.refused for order in surprised} <= {int(ResultCode.ROBOT_NOT_READY)}, (
+    # what a fault of the order before left behind may be noticed between `ready` and the next order
+    orders = list(bad.observer.orders.values())
+    surprised = [(o, last) for last, o in pairwise(orders) if o.refused and not o.fault]
+    assert all(last.fault and o.refused == ResultCode.ROBOT_NOT_READY for o, last in surprised), (
         f"{where}: {surprised}"
     )
     b = bad.balance
