@@ -28,7 +28,8 @@ from drivers.robot.ur_motion import Progress, Watch
 from drivers.robot.ur_preflight import TCP_TOLD_M, TCP_TOLD_RAD, look, offset_of, payload_line, tcp_line
 from drivers.robot.ur_process import WorkerProcess
 from drivers.robot.ur_reach import UrKinematics
-from drivers.robot.ur_stream import PINS, Snapshot, UrStream, state_of
+from drivers.robot.ur_stream import PINS, Snapshot, UrStream
+from drivers.robot.ur_watch import state_of
 from drivers.settings import UrRobotSettings
 from drivers.timing import Clock, StopRequested, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, RobotState, ToolPose

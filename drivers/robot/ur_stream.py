@@ -15,9 +15,9 @@ from typing import Final
 
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable, StaleData
 from drivers.robot.rtde import Connection, Kind, Recipe, RtdeError, Value, Version
-from drivers.robot.ur_codes import RUNNING, Runtime, may_move, safety_of
+from drivers.robot.ur_codes import may_move, safety_of
 from drivers.timing import Clock, StopToken
-from drivers.types import JointAngles, RobotState, SafetyMode, Six, Three, ToolPose
+from drivers.types import SafetyMode, Six, Three
 
 CONNECT_S: Final = 1.0
 RATE_HZ: Final = 125.0
@@ -148,21 +148,6 @@ def snapshot_of(values: dict[str, Value], at: float, offset: int) -> Snapshot:
         payload_cog_m=_three(values["payload_cog"]),
         ready=int(_number(values[f"output_int_register_{offset}"])),
         operation=int(_number(values[f"output_int_register_{2 + offset}"])),
-    )
-
-
-def state_of(snapshot: Snapshot) -> RobotState:
-    """The same as every arm says it."""
-    return RobotState(
-        safety=snapshot.safety,
-        powered=snapshot.robot_mode == RUNNING,
-        program_running=snapshot.runtime == Runtime.PLAYING,
-        tool=ToolPose.of(snapshot.tool),
-        joints=JointAngles(q_rad=snapshot.q_rad),
-        moving=snapshot.moving,
-        speed_fraction=snapshot.speed_fraction,
-        controller_time_s=snapshot.controller_time_s,
-        read_at=snapshot.at,
     )
 
 

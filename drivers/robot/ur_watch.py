@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from drivers.errors import CommandRejected
+from drivers.robot.ur_codes import RUNNING, Runtime
 from drivers.robot.ur_preflight import offset_of
-from drivers.robot.ur_stream import UrStream, state_of
+from drivers.robot.ur_stream import Snapshot, UrStream
 from drivers.settings import UrRobotSettings
 from drivers.timing import Clock
-from drivers.types import RobotState
+from drivers.types import JointAngles, RobotState, ToolPose
+
+
+def state_of(snapshot: Snapshot) -> RobotState:
+    """The same as every arm says it."""
+    return RobotState(
+        safety=snapshot.safety,
+        powered=snapshot.robot_mode == RUNNING,
+        program_running=snapshot.runtime == Runtime.PLAYING,
+        tool=ToolPose.of(snapshot.tool),
+        joints=JointAngles(q_rad=snapshot.q_rad),
+        moving=snapshot.moving,
+        speed_fraction=snapshot.speed_fraction,
+        controller_time_s=snapshot.controller_time_s,
+        read_at=snapshot.at,
+    )
 
 
 class UrWatch:
