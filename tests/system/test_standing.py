@@ -101,6 +101,7 @@ def test_a_calibration_that_drifts_is_an_alarm_and_the_cell_goes_on(
         running.started()
         plc.enable()
         assert alarm() is None
+        plc.wait(lambda s: s.ready, "ready")
         plc.run(PlcCommand.VISION_ONLY)  # 1.2 and a good look make 1.1
         plc.wait(lambda s: s.first_alarm == 104, "the alarm in the registers")
         until(lambda: alarm() == ("unacknowledged", "medium"), 12.0, "the alarm in the file")
@@ -111,6 +112,7 @@ def test_a_calibration_that_drifts_is_an_alarm_and_the_cell_goes_on(
             check=True,
         )
         until(lambda: alarm() == ("acknowledged", "medium"), 12.0, "somebody has seen it")
+        plc.wait(lambda s: s.ready, "ready again")
         assert plc.run(PlcCommand.VISION_ONLY).result_code == ResultCode.OK  # 1.05
         until(lambda: alarm() is None, 12.0, "the alarm has gone")
         assert running.terminate()[0] == 0
