@@ -244,6 +244,9 @@ class Night:
         with self.plc.program.lock:
             self.plc.program.rules.acknowledged(seq)
         self.plc.change(result_ack_seq=seq)
+        # a PLC that has just restarted knows nothing until the cell has written to it
+        while not self.plc.program.writes and time.monotonic() < ends_at:
+            time.sleep(POLL_S)
         while self.plc.status.result_valid and time.monotonic() < ends_at:
             time.sleep(POLL_S)
         with self.plc.program.lock:
