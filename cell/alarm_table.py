@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Final
+from typing import Final, TypeAlias
 
 from cell.faults import TABLE as FAULTS
 from cell.faults import FaultCode
@@ -41,40 +41,30 @@ class Device(Enum):
     CONTROLLER = "controller"
 
 
-class AlarmCode(IntEnum):
-    """Faults under their own numbers, then conditions that are no fault."""
+class Condition(IntEnum):
+    """Alarms that are no fault: the cell goes on. Their numbers are beside those of the faults."""
 
-    CALIBRATION_MISSING = 101
-    CALIBRATION_MISMATCH = 102
-    CAMERA_LOST = 201
-    CAMERA_SLOW = 202
-    CAMERA_STALE = 203
-    CAMERA_SKEW = 204
-    IMAGE_UNUSABLE = 205
-    VISION_INTERNAL = 301
-    ROBOT_LOST = 401
-    ROBOT_SLOW = 402
-    ROBOT_STALE = 403
-    PROTECTIVE_STOP = 411
-    SAFEGUARD_STOP = 412
-    EMERGENCY_STOP = 413
-    SAFETY_UNKNOWN = 414
-    MOVE_REJECTED = 421
-    NOT_IN_REMOTE = 422
-    GRIPPER_LOST = 501
-    GRIP_UNKNOWN = 502
-    PLC_LOST = 601
-    PLC_SILENT = 602
-    PLC_BAD_ORDER = 603
-    JOURNAL_UNWRITABLE = 701
-    INTERNAL = 901
     CONFIG_LAST_GOOD = 103
+    CALIBRATION_DRIFT = 104
     BIN_EMPTY = 311
     NOTHING_GRASPABLE = 312
     GRIPS_FAIL = 511
     PLACES_FULL = 512
     CHOICE_AWAITED = 911
     NOT_IN_PRODUCTION = 912
+
+
+AlarmCode: TypeAlias = FaultCode | Condition
+CODES: Final[tuple[AlarmCode, ...]] = (*(code for code in FaultCode if code), *Condition)
+"""Every alarm."""
+
+
+def alarm_of(number: int) -> AlarmCode:
+    """The alarm of a number; `ValueError` where there is none."""
+    for code in CODES:
+        if code == number:
+            return code
+    raise ValueError(f"{number} is not the code of an alarm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,8 +94,8 @@ _CAM, _ARM, _GRIP, _PLC, _CON = Device.CAMERAS, Device.ARM, Device.GRIPPER, Devi
 
 def _fault(
     code: FaultCode, priority: Priority, device: Device, health: Health, cause: str, **delays: float
-) -> tuple[int, Row]:
-    return int(code), Row(
+) -> tuple[AlarmCode, Row]:
+    return code, Row(
         priority=priority,
         device=device,
         health=health,
@@ -116,7 +106,7 @@ def _fault(
     )
 
 
-_ROWS: Final[dict[int, Row]] = dict(
+TABLE: Final[dict[AlarmCode, Row]] = dict(
     (
         _fault(FaultCode.CALIBRATION_MISSING, _H, _CAM, _F, "there is no calibration file"),
         _fault(FaultCode.CALIBRATION_MISMATCH, _H, _CAM, _F, "the calibration is of other cameras"),
@@ -156,9 +146,9 @@ _ROWS: Final[dict[int, Row]] = dict(
         _fault(FaultCode.INTERNAL, _H, _CON, _F, "the program met something it does not know"),
     )
 )
-_ROWS.update(
+TABLE.update(
     {
-        103: Row(
+        Condition.CONFIG_LAST_GOOD: Row(
             priority=_M,
             device=_CON,
             health=_S,
@@ -166,7 +156,15 @@ _ROWS.update(
             consequence="what was changed in the configuration has no effect",
             action="correct it (`mikado check CONFIG` names file, line and key), restart the service",
         ),
-        311: Row(
+        Condition.CALIBRATION_DRIFT: Row(
+            priority=_M,
+            device=_CAM,
+            health=_R,
+            cause="in production, rows of the two pictures or lengths of parts are no longer as calibrated",
+            consequence="picks go on, perhaps less exact; nothing is corrected by itself",
+            action="`mikado drift` shows the trend; `mikado verify touch`, then calibrate again",
+        ),
+        Condition.BIN_EMPTY: Row(
             priority=_L,
             device=_CON,
             health=Health.GOOD,
@@ -176,7 +174,7 @@ _ROWS.update(
             on_delay_s=1.0,
             off_delay_s=1.0,
         ),
-        312: Row(
+        Condition.NOTHING_GRASPABLE: Row(
             priority=_L,
             device=_CON,
             health=Health.GOOD,
@@ -186,7 +184,7 @@ _ROWS.update(
             on_delay_s=1.0,
             off_delay_s=1.0,
         ),
-        511: Row(
+        Condition.GRIPS_FAIL: Row(
             priority=_L,
             device=_GRIP,
             health=_R,
@@ -194,7 +192,7 @@ _ROWS.update(
             consequence="the cell is slow; parts may be bent",
             action="look at jaws and fingers for wear and dirt; verify the hand-eye calibration",
         ),
-        512: Row(
+        Condition.PLACES_FULL: Row(
             priority=_M,
             device=_CON,
             health=Health.GOOD,
@@ -202,7 +200,7 @@ _ROWS.update(
             consequence="orders that place end with 15; nothing is gripped",
             action="change the tray, then command 10 with choice 5",
         ),
-        911: Row(
+        Condition.CHOICE_AWAITED: Row(
             priority=_M,
             device=_CON,
             health=_C,
@@ -211,7 +209,7 @@ _ROWS.update(
             action="look at the bin; then command 10 with 1 retry, 2 skip, 3 count as picked, 4 stop; a "
             "reset is skip",
         ),
-        912: Row(
+        Condition.NOT_IN_PRODUCTION: Row(
             priority=_L,
             device=_ARM,
             health=_C,
@@ -221,4 +219,3 @@ _ROWS.update(
         ),
     }
 )
-TABLE: Final[dict[AlarmCode, Row]] = {code: _ROWS[int(code)] for code in AlarmCode}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from cell.alarm_table import TABLE, AlarmCode, Priority
+from cell.alarm_table import CODES, TABLE, AlarmCode, Priority
 
 SHELVED_MOST_S: Final = 8 * 3600.0
 
@@ -63,7 +63,7 @@ class ShelvingRefused(Exception):
 
 def update(alarms: Alarms, present: Mapping[AlarmCode, str], now: float) -> Alarms:
     """The conditions as they are now, with a detail each; everything else about time follows from ``now``."""
-    return {code: _step(code, alarms.get(code, Alarm()), present.get(code), now) for code in AlarmCode}
+    return {code: _step(code, alarms.get(code, Alarm()), present.get(code), now) for code in CODES}
 
 
 def _step(code: AlarmCode, alarm: Alarm, detail: str | None, now: float) -> Alarm:

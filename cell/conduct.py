@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, Protocol
 
-from cell.alarm_table import AlarmCode
+from cell.alarm_table import AlarmCode, Condition
 from cell.choices import Asking, Choice
 from cell.cycle import run_order
 from cell.logs import logger
@@ -85,7 +85,7 @@ class Conduct:
         log.info("choice_made", choice=choice.name, about=None if asked is None else asked.request_id)
         if choice is Choice.FREE_PLACES:
             self._station.places.free()
-            self.alarm(AlarmCode.PLACES_FULL, None)
+            self.alarm(Condition.PLACES_FULL, None)
             return plain(order, ResultCode.OK)
         if asked is None:
             return plain(order, ResultCode.BAD_PARAMETER, detail=int(choice))
@@ -104,27 +104,27 @@ class Conduct:
         """An order has ended without a fault: the alarms that follow, and perhaps a question."""
         asks = self._asking.ended(order, result)
         failed = f"{self._asking.in_a_row} orders in a row" if self._asking.in_a_row >= _FAILING else None
-        self.alarm(AlarmCode.GRIPS_FAIL, failed)
+        self.alarm(Condition.GRIPS_FAIL, failed)
         if order.command in _LOOKS:
             empty = f"part {result.part_type}" if result.outcome is Outcome.BIN_EMPTY else None
-            self.alarm(AlarmCode.BIN_EMPTY, empty)
+            self.alarm(Condition.BIN_EMPTY, empty)
             none = f"{result.seen} seen" if result.outcome is Outcome.NOTHING_GRASPABLE else None
-            self.alarm(AlarmCode.NOTHING_GRASPABLE, none)
+            self.alarm(Condition.NOTHING_GRASPABLE, none)
         if not self._station.places.any_free:
-            self.alarm(AlarmCode.PLACES_FULL, "none is free")
+            self.alarm(Condition.PLACES_FULL, "none is free")
         if asks and self._enter(Event.ASK):
             detail = f"{result.code.name} in order {order.request_id}"
             log.warning("choice_awaited", request_id=order.request_id, code_name=result.code.name)
-            self.alarm(AlarmCode.CHOICE_AWAITED, detail)
+            self.alarm(Condition.CHOICE_AWAITED, detail)
             if self._standing is not None:
-                self._standing.held(AlarmCode.CHOICE_AWAITED, detail)
+                self._standing.held(Condition.CHOICE_AWAITED, detail)
             self._publish(choice_awaited=True, operator_needed=True)
 
     def answered(self) -> PickOrder | None:
         """Nothing is asked any more; the order it was about. Idle again, where the cell was held for it."""
         asked = self._asking.answered()
         if asked is not None:
-            self.alarm(AlarmCode.CHOICE_AWAITED, None)
+            self.alarm(Condition.CHOICE_AWAITED, None)
             self._publish(choice_awaited=False, operator_needed=False)
             self._enter(Event.UNHOLD)
         return asked

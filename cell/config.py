@@ -19,7 +19,7 @@ from cell.operation import OperationConfig
 from cell.products import TOLD_BY_WIDTH, ColourConfig, PartConfig
 from drivers.camera_settings import CameraSettings, ReplayCameraSettings, runs_freely
 from drivers.settings import GripperSettings, PlcSettings, RobotSettings, Settings, Six, UrRobotSettings
-from vision.types import Tuning
+from vision.types import EmptyTray, Tuning
 
 Three = tuple[float, float, float]
 Grey = Annotated[int, Field(ge=0, le=255)]
@@ -150,9 +150,9 @@ class TuningConfig(Settings):
                 raise ValueError(f"{key} is empty: min {pair[0]} is not below max {pair[1]}")
         return self
 
-    def tuning(self) -> Tuning:
-        """The gates as the detector takes them."""
-        return Tuning(**self.model_dump())
+    def tuning(self, empty: EmptyTray | None = None) -> Tuning:
+        """The gates as the detector takes them, with the reference of the empty tray where there is one."""
+        return Tuning(**self.model_dump(), empty=empty)
 
 
 class FilesConfig(Settings):
@@ -161,6 +161,11 @@ class FilesConfig(Settings):
     calibration: Path = Field(description="written by the calibration tools, never by hand")
     journal: Path = Field(description="SQLite; its folder must be writable and kept")
     overlays: Path | None = Field(default=None, description="folder for one overlay picture per look")
+    empty_tray: Path | None = Field(
+        default=None,
+        description="folder with left.png and right.png of the empty tray (`mikado area empty --take`): what "
+        "looks as there is no part and in nobody's way; fixed cameras only",
+    )
     state: Path | None = Field(
         default=None, description="folder for state.json (figures, alarms); default: the journal's folder"
     )
@@ -212,6 +217,10 @@ class CellConfig(Settings):
             raise ValueError(
                 f"{', '.join(real)} not simulated but the other devices are; "
                 "set allow_mixed: true if that is meant"
+            )
+        if self.files.empty_tray is not None and self.cameras.mount != "fixed":
+            raise ValueError(
+                "files.empty_tray: cameras on the arm see the tray from elsewhere at each look; leave it out"
             )
         for part in self.parts:
             if part.colour is not None and self.tuning.method == "published":
@@ -314,6 +323,7 @@ def load(path: Path, home: Path | None = None) -> CellConfig:
             "journal": home / files.journal,
             "state": None if files.state is None else home / files.state,
             "overlays": None if files.overlays is None else home / files.overlays,
+            "empty_tray": None if files.empty_tray is None else home / files.empty_tray,
         }
     )
     cameras = config.cameras.model_copy(

@@ -11,7 +11,7 @@ from typing import Final
 
 from cell import config as configuration
 from cell import wiring
-from cell.alarm_table import AlarmCode
+from cell.alarm_table import Condition
 from cell.drift import DriftWatch
 from cell.ending import EndRequest
 from cell.faults import FaultCode
@@ -99,7 +99,9 @@ class _Daemon:
             self._cell_journal.counted_after,
             config.operation.planned,
         )
-        standing.condition(AlarmCode.CONFIG_LAST_GOOD, refused)
+        standing.condition(Condition.CONFIG_LAST_GOOD, refused)
+        standing.condition(Condition.CALIBRATION_DRIFT, self._drift.drifted())
+        self._standing = standing
         self._cell = CellLoop(
             parts.station, parts.devices, channels, self._cell_journal, cell_stop, cell_beat, standing
         )
@@ -129,6 +131,7 @@ class _Daemon:
 
     def _looked(self, look: Look) -> None:
         self._drift.look(look.scene, look.part.code, look.part.length_m)
+        self._standing.condition(Condition.CALIBRATION_DRIFT, self._drift.drifted())
         if self._overlays is not None:
             self._overlays.put(look)
 

@@ -267,8 +267,9 @@ def _own_config(wish: Wish, data: dict[str, Json], sim_port: int, plc_port: int)
             if section.get("driver") == "sim":
                 section["port"] = sim_port
         _section(data, "plc")["port"] = plc_port
-        calibration = wish.config.parent / str(files["calibration"])
-        files["calibration"] = os.path.relpath(calibration, wish.out)
+        for name in ("calibration", "empty_tray"):
+            if name == "calibration" or name in files:
+                files[name] = os.path.relpath(wish.config.parent / str(files[name]), wish.out)
     except KeyError as error:
         raise ConfigError(
             wish.config, None, f"not a configuration of a simulated cell: {error} is missing"

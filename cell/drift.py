@@ -1,4 +1,4 @@
-"""The drift watch of a running cell: each look feeds it, a small file keeps it, an alarm names it.
+"""The drift watch of a running cell: each look feeds it, a small file keeps it; the alarm is the cell's.
 
 It never corrects anything. The file belongs to one calibration: with another one the trends begin anew.
 """
@@ -21,8 +21,6 @@ from vision.types import Scene
 
 log = logger("drift")
 
-CODE: Final = "CALIBRATION_DRIFT"
-"""Name of the alarm, in log and page."""
 KEPT: Final = 200
 """Looks whose numbers are kept for the eye."""
 
@@ -43,15 +41,13 @@ class DriftWatch:
         self._path = path
         self.limits = limits_of(config)
         self._watched = load(path, fingerprint(calibration))
-        self._standing: tuple[Drifted, ...] = ()
 
-    @property
-    def standing(self) -> tuple[Drifted, ...]:
-        """The alarms that stand now: for whoever shows or reports alarms."""
-        return self._standing
+    def drifted(self) -> str | None:
+        """What is beyond its limit, in words; None while all is well."""
+        return "; ".join(map(in_words, alarms(self._watched.drift, self.limits))) or None
 
     def look(self, scene: Scene, part_code: int, length_m: float) -> None:
-        """One more look; says so when an alarm comes or goes."""
+        """One more look."""
         lengths = [c.length_m for c in scene.recognised if c.part_code == part_code]
         rows = scene.rows_seen_px if math.isfinite(scene.rows_seen_px) else None
         if not lengths and rows is None:
@@ -61,28 +57,22 @@ class DriftWatch:
         median = sorted(lengths)[len(lengths) // 2] / length_m if lengths else math.nan
         shown = (math.nan if rows is None else rows, median)
         self._watched = replace(watched, drift=drift, looks=(*watched.looks, shown)[-KEPT:])
-        self._tell(alarms(drift, self.limits))
         try:
             save(self._path, self._watched)
         except OSError as error:
             log.warning("drift_not_kept", file=str(self._path), detail=str(error))
 
-    def _tell(self, now: tuple[Drifted, ...]) -> None:
-        before = {each.what for each in self._standing}
-        for each in now:
-            if each.what not in before:
-                log.warning(
-                    "alarm_raised",
-                    name=CODE,
-                    what=each.what,
-                    value=round(each.value, 5),
-                    limit=each.limit,
-                    unit=each.unit,
-                    do="verify touch, then calibrate again; nothing is corrected by itself",
-                )
-        for what in sorted(before - {each.what for each in now}):
-            log.info("alarm_returned", name=CODE, what=what)
-        self._standing = now
+
+def in_words(drifted: Drifted) -> str:
+    """One trend beyond its limit.
+
+    >>> in_words(Drifted(what="rows", value=0.81, reference=0.1, limit=0.5, unit="px"))
+    'rows: 0.8100 px, 0.1000 expected, limit 0.5'
+    """
+    return (
+        f"{drifted.what}: {drifted.value:.4f} {drifted.unit}".rstrip()
+        + f", {drifted.reference:.4f} expected, limit {drifted.limit:g}"
+    )
 
 
 def limits_of(config: DriftConfig) -> Limits:

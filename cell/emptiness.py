@@ -77,11 +77,11 @@ def _box_share(start: Floats, end: Floats, where: _Where) -> float:
     share = np.linspace(0.0, 1.0, _STEPS + 1)[:, None]
     pixels = project(start + share * (end - start), where.stereo)[0]
     met = on_plane(pixels, where.stereo.left, where.table)
-    inside = _in_box(transforms.apply(where.base_from_camera, met)[:, :2], where.workspace)
+    inside = in_box(transforms.apply(where.base_from_camera, met)[:, :2], where.workspace)
     return float(np.count_nonzero(inside[:-1] & inside[1:])) / _STEPS
 
 
-def _in_box(points_m: Floats, workspace: WorkspaceConfig) -> Bools:
+def in_box(points_m: Floats, workspace: WorkspaceConfig) -> Bools:
     """(N,) of points (N, 2) m, base frame: inside the box and not at its rim."""
     low = np.array(workspace.box_min_m[:2]) + _RIM_M
     high = np.array(workspace.box_max_m[:2]) - _RIM_M
@@ -100,7 +100,7 @@ def _inside_m(
     if scene.method == "published":
         path_px = unrectify_points(path_px, rectification(stereo), "left")
     points = transforms.apply(base_from_camera, on_plane(path_px, stereo.left, table))[:, :2]
-    inside = _in_box(points, workspace)
+    inside = in_box(points, workspace)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return float(steps[inside[:-1] & inside[1:]].sum())
 

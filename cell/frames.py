@@ -33,10 +33,26 @@ def tool_down(point_m: Floats, closing_yaw_rad: float) -> ToolPose:
     closing_yaw_rad
         Direction in which the jaws close (the tool's x axis), about the base's z axis.
     """
+    return tool_at(point_m, looking_down(closing_yaw_rad))
+
+
+def looking_down(closing_yaw_rad: float) -> Floats:
+    """(3, 3) rotation ``base_from_tool`` of a tool that looks straight down."""
     c, s = np.cos(closing_yaw_rad), np.sin(closing_yaw_rad)
     # columns: x along the closing direction, z down, y = z cross x
-    rotation = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+    return np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+
+
+def tool_at(point_m: Floats, rotation: Floats) -> ToolPose:
+    """The tool centre point at (3,) m, turned as ``base_from_tool``'s (3, 3) rotation says."""
     return pose_of(transforms.make(rotation, point_m))
+
+
+def backed_out(point_m: Floats, rotation: Floats, z_m: float) -> ToolPose:
+    """The tool drawn back along its own z axis until its point is at this height."""
+    back = -rotation[:, 2]
+    point = point_m + back * ((z_m - point_m[2]) / back[2])
+    return tool_at(np.array([point[0], point[1], z_m]), rotation)
 
 
 def raised(pose: ToolPose, z_m: float) -> ToolPose:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from cell.alarm_table import AlarmCode
 from cell.arm_report import at, robot_fields
 from cell.channels import ABORTED_BY_PLC, LINK_LOST, SERVICE_ENDS, Channels, Ticket
 from cell.choices import Choice
@@ -221,7 +220,7 @@ class CellLoop:
             case Event.LINK_LOST | Event.LINK_UP:
                 self._link_up = event is Event.LINK_UP
                 lost = None if self._link_up else "not heard"
-                self._conduct.alarm(AlarmCode.PLC_SILENT, lost)
+                self._conduct.alarm(FaultCode.PLC_SILENT, lost)
             case Event.HOLD | Event.UNHOLD:
                 self._hold = event is Event.HOLD
             case _:
@@ -258,7 +257,7 @@ class CellLoop:
                     log.warning("recover_failed", detail=str(error))
                 self._close_devices()
                 self._enter(Event.CLEARED)
-                self._conduct.alarm(AlarmCode(self._report.fault_code), None)
+                self._conduct.alarm(FaultCode(self._report.fault_code), None)
                 self._publish(fault_code=0, operator_needed=False)
                 self._start()
             case State.STOPPED:
@@ -363,7 +362,7 @@ class CellLoop:
         self._enter(Event.FAULT)
         self._station.prepared.drop()
         self._reconnect.began(fault.code)
-        self._conduct.alarm(AlarmCode(int(fault.code)), fault.detail)
+        self._conduct.alarm(fault.code, fault.detail)
         if self._standing is not None:
             self._standing.stopped(fault)
         self._faults += 1

@@ -6,11 +6,13 @@ import structlog
 
 from cell import frames
 from cell.colours import in_colour
+from cell.empty_tray import TAKE
 from cell.faults import PictureUnusable
 from drivers.types import Frame, FramePair, Pixels
 from vision import light, quality, sharpness
+from vision.empty import change
 from vision.light import LightChange
-from vision.types import Grey, PictureFlaw, Unusable
+from vision.types import EmptyTray, Grey, PictureFlaw, Unusable
 
 log = structlog.get_logger()
 
@@ -19,10 +21,13 @@ class PictureCheck:
     """Remembers the last pair: a frozen camera serves the same picture with new times, and light changes.
 
     ``remarks`` on the last pair are no reason to refuse it: the detector does not mind another light, but
-    somebody may have to look at lamp or exposure. Whether a camera was moved, `cell.moved` tells.
+    somebody may have to look at lamp or exposure. With ``empty`` it also remarks that the reference of the
+    empty tray does not suit any more. Whether a camera was moved, `cell.moved` tells.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, empty: EmptyTray | None = None) -> None:
+        self._empty = empty
+        self._unlike: tuple[str, ...] = ()
         self._last: dict[str, Grey] = {}
         self.remarks: tuple[str, ...] = ()
 
@@ -36,7 +41,28 @@ class PictureCheck:
             new light is said once: the next pair is compared with it.
         """
         self.remarks = ()
-        return self._check(pair.left), self._check(pair.right)
+        left, right = self._check(pair.left), self._check(pair.right)
+        if self._empty is not None:
+            self._compare(pair, (left, right), self._empty)
+        return left, right
+
+    def _compare(self, pair: FramePair, greys: tuple[Grey, Grey], empty: EmptyTray) -> None:
+        """Remark, and log once, that the reference of the empty tray does not suit the pictures any more."""
+        unlike = tuple(
+            frame.camera
+            for frame, grey, reference in zip(
+                (pair.left, pair.right), greys, (empty.left, empty.right), strict=True
+            )
+            if not change(grey, reference).usable
+        )
+        self.remarks += tuple(
+            f"{camera}: looks so unlike the empty tray's picture that it is left out: the camera was moved, "
+            f"the light changed, or the bin is too full; if it stays so, {TAKE}"
+            for camera in unlike
+        )
+        if unlike and unlike != self._unlike:
+            log.warning("empty_tray_left_out", cameras=unlike, do=TAKE)
+        self._unlike = unlike
 
     def forget(self) -> None:
         """The next pair is compared with nothing: a camera was opened anew."""

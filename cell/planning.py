@@ -1,8 +1,8 @@
 """Candidates to grasps in the robot's base frame; why one is not taken, with its number.
 
-The tool goes straight down. Its jaws close across the part, along the tool's x axis; the tool centre
-point lies between the fingers, near their tips. A part is gripped as near to its middle as
-the jaws have room.
+The tool goes straight down; where that has no room and the product allows it, it leans about the part's own
+axis. Its jaws close across the part, along the tool's x axis; the tool centre point lies between the fingers,
+near their tips. A part is gripped as near to its middle as the jaws have room.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from cell import frames
+from cell import fingers, frames
 from cell.config import JawsConfig, WorkspaceConfig
 from cell.missed import MissedParts
 from cell.products import GraspConfig
@@ -31,6 +31,7 @@ _OFF_CENTRE: Final = 0.4
 _ASIDE_MARGIN_M: Final = 0.002
 """A part that is not in the middle of the jaws stays this far from the finger: nothing is seen exactly."""
 _ASIDE_STEPS: Final = 4
+_LEAN_STEP_RAD: Final = math.radians(10.0)
 _SAME_PART: Final = 0.9
 """A segment within this many diameters of the candidate's own axis is the candidate itself: the axes of two
 parts that lie side by side are a whole diameter apart."""
@@ -193,28 +194,30 @@ def _plan(
                 PlanRefused(reason=PlanRefusal.TILT, value=tilt, limit=workspace.max_tilt_rad, unit="rad"),
             ),
         )
-    yaw = _nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool)
-    across = np.array([math.cos(yaw), math.sin(yaw), 0.0])
-    lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
-    beyond_tool = np.array([0.0, 0.0, jaws.tip_beyond_tool_m])
+    down = frames.looking_down(_nearest_yaw(math.atan2(float(axis[1]), float(axis[0])) + math.pi / 2, tool))
     best_room = -math.inf
     outside = math.inf
     chosen: tuple[int, Pick] | None = None
-    for aside, along in _offsets(length, jaws, diameter_m, wanted):
-        tool_point = (start + end) / 2 + along * axis + aside * across
-        tool_point[2] = max(tool_point[2] - jaws.below_axis_m, lowest)
-        tips = tool_point - beyond_tool
-        beyond = _beyond_box(tips, yaw, workspace, jaws)
+    for lean, (aside, along) in itertools.product(_leans(wanted), _offsets(length, jaws, diameter_m, wanted)):
+        if lean and chosen is not None:
+            break
+        hand = transforms.matrix_from_vector(lean * axis) @ down if lean else down
+        tool_point = (start + end) / 2 + along * axis + aside * hand[:, 0] + jaws.below_axis_m * hand[:, 2]
+        if not lean:
+            lowest = workspace.floor_z_m + workspace.floor_clearance_m + jaws.tip_beyond_tool_m
+            tool_point[2] = max(tool_point[2], lowest)
+        tips = tool_point + jaws.tip_beyond_tool_m * hand[:, 2]
+        beyond = fingers.beyond_box(tips, hand, workspace, jaws)
         if beyond > 0:
             outside = min(outside, beyond)
             continue
-        near = _in_tool(tips, yaw, points)
-        room = _clearance(near, tips, workspace, jaws) - thickest_m / 2
+        near = fingers.seen_from(tips, hand, points)
+        room = fingers.clearance(near, tips, hand, workspace, jaws) - thickest_m / 2
         best_room = max(best_room, room)
         if room < jaws.min_clearance_m:
             continue
-        gap_free = _gap(near, jaws) > thickest_m / 2
-        pick = _pick(candidate, tool_point, yaw, room, gap_free, workspace, wanted)
+        gap_free = fingers.gap(near, jaws) > thickest_m / 2
+        pick = _pick(candidate, tool_point, hand, room, gap_free, workspace, wanted)
         doubts = 2 * missed.grip(pick.grasp) + (not gap_free)
         if chosen is None or doubts < chosen[0]:
             chosen = doubts, pick
@@ -232,25 +235,32 @@ def _plan(
 def _pick(
     candidate: Candidate,
     tool_point: Floats,
-    yaw: float,
+    hand: Floats,
     room: float,
     gap_free: bool,
     workspace: WorkspaceConfig,
     wanted: GraspConfig,
 ) -> Pick:
-    grasp = frames.tool_down(tool_point, yaw)
     approach_m = wanted.approach_height_m or workspace.approach_height_m
     retreat_m = wanted.retreat_height_m or approach_m
+    z = float(tool_point[2])
     return Pick(
         rank=1,
-        approach=frames.raised(grasp, grasp.z + approach_m),
-        grasp=grasp,
-        retreat=frames.raised(grasp, max(workspace.travel_z_m, grasp.z + retreat_m)),
+        approach=frames.backed_out(tool_point, hand, z + approach_m),
+        grasp=frames.tool_at(tool_point, hand),
+        retreat=frames.backed_out(tool_point, hand, max(workspace.travel_z_m, z + retreat_m)),
         clearance_m=room,
         gap_free=gap_free,
         score=candidate.score,
         candidate=candidate,
     )
+
+
+def _leans(wanted: GraspConfig) -> list[float]:
+    """Turns of the hand about the part's axis, rad: straight down, then the smallest first."""
+    most = wanted.free_rotation_rad
+    steps = math.ceil(round(most / _LEAN_STEP_RAD, 6))
+    return [0.0] + [side * most * k / steps for k in range(1, steps + 1) for side in (1, -1)]
 
 
 def _nearest_yaw(yaw_rad: float, tool: Transform) -> float:
@@ -309,68 +319,3 @@ def _sampled(obstacles: Floats) -> Floats:
         count = max(2, math.ceil(float(np.linalg.norm(last - first)) / _STEP_M) + 1)
         pieces.append(first + np.linspace(0.0, 1.0, count)[:, None] * (last - first))
     return np.concatenate(pieces)
-
-
-def _fingers(jaws: JawsConfig) -> tuple[float, float]:
-    """Distance of a finger's centre plane from the tool axis, and half its thickness."""
-    return jaws.opening_m / 2 + jaws.thickness_m / 2, jaws.thickness_m / 2
-
-
-def _beyond_box(tips: Floats, yaw: float, workspace: WorkspaceConfig, jaws: JawsConfig) -> float:
-    """How far (m) the farthest finger corner lies outside the workspace box; <= 0 inside."""
-    reach = jaws.opening_m / 2 + jaws.thickness_m
-    c, s = math.cos(yaw), math.sin(yaw)
-    beyond = []
-    for x in (-reach, reach):
-        for y in (-jaws.width_m / 2, jaws.width_m / 2):
-            corner = tips + np.array([c * x + s * y, s * x - c * y, 0.0])
-            beyond.append(
-                max(
-                    np.max(np.array(workspace.box_min_m) - corner),
-                    np.max(corner - np.array(workspace.box_max_m)),
-                )
-            )
-    return float(max(beyond))
-
-
-def _in_tool(tips: Floats, yaw: float, points: Floats) -> Floats:
-    """(P, 3) points seen from the finger tips: x along the closing direction, y along the part, z up."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    offset = points - tips
-    return np.stack(
-        [c * offset[:, 0] + s * offset[:, 1], s * offset[:, 0] - c * offset[:, 1], offset[:, 2]], axis=1
-    )
-
-
-def _gap(near: Floats, jaws: JawsConfig) -> float:
-    """Distance (m) from the obstacle points to the space between the open fingers; <= 0 inside."""
-    if not len(near):
-        return math.inf
-    half = np.array([jaws.opening_m / 2, jaws.width_m / 2, jaws.depth_m / 2])
-    return float(_box_distance(near, np.array([0.0, 0.0, jaws.depth_m / 2]), half).min())
-
-
-def _clearance(near: Floats, tips: Floats, workspace: WorkspaceConfig, jaws: JawsConfig) -> float:
-    """Distance (m) from the obstacle points to the nearer of fingers and palm on their whole way down."""
-    if not len(near):
-        return math.inf
-    middle, half = _fingers(jaws)
-    # fingers and hand sweep the column above them, from the grasp up to where the descent begins
-    top = jaws.depth_m + max(workspace.approach_height_m, workspace.travel_z_m - float(tips[2]))
-    boxes = [
-        (np.array([side * middle, 0.0, top / 2]), np.array([half, jaws.width_m / 2, top / 2]))
-        for side in (-1.0, 1.0)
-    ]
-    palm = (top + jaws.depth_m) / 2
-    boxes.append(
-        (np.array([0.0, 0.0, palm]), np.array([middle + half, jaws.width_m / 2, palm - jaws.depth_m]))
-    )
-    return min(float(_box_distance(near, centre, extent).min()) for centre, extent in boxes)
-
-
-def _box_distance(points: Floats, centre: Floats, extent: Floats) -> Floats:
-    """(P,) distance of points from a box, negative inside."""
-    q = np.abs(points - centre) - extent
-    outside = np.linalg.norm(np.maximum(q, 0.0), axis=1)
-    inside = np.minimum(q.max(axis=1), 0.0)
-    return np.asarray(outside + inside, dtype=np.float64)

@@ -72,7 +72,7 @@ def _turns_into(one_deg: tuple[float, float], other_deg: tuple[float, float]) ->
 
 
 class GraspConfig(Settings):
-    """Where along a part it is gripped, and the way there and away. Left out, the middle is best."""
+    """Where along a part it is gripped, and the way there and away. Left out: the middle, straight down."""
 
     from_middle_m: NonNegativeFloat = Field(
         default=0.0, description="best place, from the part's middle; either side counts alike"
@@ -85,6 +85,13 @@ class GraspConfig(Settings):
     )
     retreat_height_m: PositiveFloat | None = Field(
         default=None, description="the part is lifted at least so high before the arm travels"
+    )
+    free_rotation_rad: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=0.8,
+        description="where the jaws have no room straight down, the hand may lean so far about the part's "
+        "axis, to either side; it comes and goes along its own direction",
     )
 
 

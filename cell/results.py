@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from cell import frames
 from cell.emptiness import is_empty
+from cell.empty_tray import foreign
 from cell.planning import PlanRefusal, PlanRefused
 from cell.station import Look, Station
 from cell.types import Outcome, Pick, PickOrder, PickResult
@@ -20,6 +22,8 @@ UNREACHABLE: Final = frozenset(
     }
 )
 """Reasons that lie in where a part is, not in what lies around it."""
+_SPECK_SHARE: Final = 0.5
+"""A spot that the empty tray has not and that is smaller than this share of a part's area is dirt."""
 
 
 def plain(
@@ -46,6 +50,16 @@ def nothing_to_pick(station: Station, order: PickOrder, look: Look, refused: lis
         look.view.base_from_camera,
         station.workspace,
     )
+    if empty and station.tuning.empty is not None:
+        spots = foreign(
+            frames.grey_of(look.pair.left),
+            station.tuning.empty,
+            station.stereo.left,
+            look.view.table,
+            look.view.base_from_camera,
+            station.workspace,
+        )
+        empty = not spots or spots[0].area_m2 < _SPECK_SHARE * look.part.length_m * look.part.diameter_m
     outcome = Outcome.BIN_EMPTY if empty else Outcome.NOTHING_GRASPABLE
     reasons = {why.reason for why in refused}
     code = ResultCode.NO_PART_FOUND

@@ -17,7 +17,7 @@ from typing import Final
 
 from cell import alarms as machine
 from cell import figures as counting
-from cell.alarm_table import TABLE, AlarmCode, Device, Health
+from cell.alarm_table import TABLE, AlarmCode, Condition, Device, Health, alarm_of
 from cell.alarms import Alarms, AlarmState, ShelvingRefused
 from cell.errors import ConfigError
 from cell.faults import Fault
@@ -115,7 +115,7 @@ class Standing:
         self._pass_time()
         self.figures = replace(self.figures, mode=mode)
         self.condition(
-            AlarmCode.NOT_IN_PRODUCTION,
+            Condition.NOT_IN_PRODUCTION,
             None if mode is Mode.PRODUCTION else mode.name.lower().replace("_", " "),
         )
 
@@ -253,7 +253,7 @@ class Standing:
 
     def _request(self, asked: dict[str, object]) -> None:
         number = asked["code"]
-        code = None if number is None else AlarmCode(int(str(number)))
+        code = None if number is None else alarm_of(int(str(number)))
         match asked["do"]:
             case "acknowledge":
                 self._alarms = machine.acknowledge(self._alarms, code)

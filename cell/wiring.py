@@ -10,7 +10,7 @@ from typing import assert_never
 import cv2
 import numpy as np
 
-from cell import calibration, frames
+from cell import calibration, empty_tray, frames
 from cell.calibration import Calibration
 from cell.colours import in_colour
 from cell.config import CellConfig, PartConfig
@@ -58,6 +58,7 @@ def check(config: CellConfig, config_path: str) -> Calibration:
     size = (config.cameras.left.width_px, config.cameras.left.height_px)
     calibration.fit(known, *size, f"the cameras of {config_path}")
     calibration.belong(known, identities(config.cameras), config_path)
+    empty_tray.load(config)
     mounting = mounting_of(config, known)
     for part in config.parts:
         _refuse_too_long(config, config_path, mounting, part)
@@ -146,6 +147,7 @@ def build(
     robot = factory.robot("robot", config.robot)
     gripper = factory.gripper("gripper", config.gripper, robot)
     mounting = mounting_of(config, known)
+    tuning = empty_tray.tuning_of(config)
     station = Station(
         rig=rig,
         robot=robot,
@@ -153,7 +155,7 @@ def build(
         gripper=gripper,
         stereo=known.stereo,
         mounting=mounting,
-        tuning=config.tuning.tuning(),
+        tuning=tuning,
         parts=config.parts,
         heaps=config.heaps,
         cameras=config.cameras,
@@ -161,7 +163,7 @@ def build(
         jaws=config.jaws,
         motion=config.motion,
         clock=cell_clock,
-        pictures=PictureCheck(),
+        pictures=PictureCheck(tuning.empty),
         missed=MissedParts(config.operation.strategy.avoid_looks, config.operation.strategy.avoid_radius_m),
         progress=progress,
         looked=looked,

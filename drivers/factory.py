@@ -13,7 +13,17 @@ from drivers.camera_settings import (
     runs_freely,
 )
 from drivers.errors import DeviceUnavailable
-from drivers.interfaces import Camera, CellServer, DigitalIo, Gripper, Kinematics, Plc, Robot, StereoRig
+from drivers.interfaces import (
+    Camera,
+    CellServer,
+    DigitalIo,
+    Gripper,
+    Kinematics,
+    Plc,
+    Robot,
+    StereoRig,
+    WatchedArm,
+)
 from drivers.settings import (
     GripperSettings,
     ModbusPlcSettings,
@@ -130,6 +140,20 @@ class Factory:
                 from drivers.robot.ur import UrRobot
 
                 return UrRobot(name, settings, self.clock)
+            case _:
+                assert_never(settings)
+
+    def watched_arm(self, name: str, settings: RobotSettings) -> WatchedArm:
+        """An arm called ``name`` that a person leads."""
+        match settings:
+            case SimRobotSettings():
+                from drivers.sim.devices import SimWatch
+
+                return SimWatch(name, settings, self.clock)
+            case UrRobotSettings():
+                from drivers.robot.ur_watch import UrWatch
+
+                return UrWatch(name, settings, self.clock)
             case _:
                 assert_never(settings)
 

@@ -68,6 +68,14 @@ class DigitalIo(Protocol):
     def read_input(self, pin: int) -> bool: ...
 
 
+class WatchedArm(Device, Protocol):
+    """An arm that is only looked at: nothing is started on its controller, and a person may lead it."""
+
+    def state(self) -> RobotState:
+        """Does not wait; raises `StaleData` when the controller's own clock has not moved."""
+        ...
+
+
 class Robot(Device, DigitalIo, Protocol):
     """An arm. Moves return when it has arrived; they never return early in silence."""
 

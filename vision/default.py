@@ -17,6 +17,7 @@ from vision.canvas import canvas, disparity_planes, in_space, points_through_gri
 from vision.colour import Colour
 from vision.crossings import crossed
 from vision.edges import Edges, edges
+from vision.empty import put_there, side_of
 from vision.explain import Frame, explain
 from vision.foreground import Foreground, stands_out
 from vision.glance import at_first_sight
@@ -189,7 +190,10 @@ def _look(
     greys: tuple[Grey, Grey], frame: Frame, tuning: Tuning, row_shift_px: float, tell: Observer
 ) -> tuple[_Picture, _Picture]:
     """Both pictures up to their lines; the right one with its rows shifted."""
-    found = [stands_out(grey, frame.width_px) for grey in greys]
+    found = [
+        put_there(stands_out(grey, frame.width_px), grey, side_of(tuning.empty, side), frame.width_px)
+        for side, grey in enumerate(greys)
+    ]
     masks: list[Mask] = [
         one.mask if tuning.band is None else binarize.in_band(grey, tuning.band)
         for grey, one in zip(greys, found, strict=True)

@@ -115,7 +115,7 @@ def alarms(drift: Drift, limits: Limits) -> tuple[Drifted, ...]:
                 value=length.value,
                 reference=1.0,
                 limit=limits.length,
-                unit="1",
+                unit="",
             )
         )
     return tuple(found)

@@ -1,20 +1,17 @@
 """Hand-eye from start to verdict: what the poses can tell, the fit, what it is good for, and what is wrong.
 
-Nothing is repaired here. Each thing that can be wrong with a session has a name (`Trouble`), because a small
-residual does not show it: a wrong pitch, a mirrored board or two swapped cameras fit well, or fit badly for a
-reason nobody would guess.
+Nothing is repaired here: what is wrong with a session gets its name (`vision.handeye_trouble`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
-from vision import transforms
+from vision import handeye_trouble, transforms
 from vision.handeye import (
     ClosedForm,
     HandEye,
@@ -25,62 +22,19 @@ from vision.handeye import (
     mount_from_held,
 )
 from vision.handeye_fit import Fit, Noise, board_pose, fit, pose_residuals_px
+from vision.handeye_trouble import (
+    LEAST_POSES,
+    WRONG_RMS_PX,
+    Finding,
+    Motion,
+    Trouble,
+    motion_of,
+    weak,
+)
 from vision.types import Floats, StereoModel, Transform, read_only
 
-LEAST_POSES: Final = 6
-ADVISED_POSES: Final = 15
-LEAST_TURN_RAD: Final = np.deg2rad(20.0)
-"""The largest turn between two poses must reach this: below, errors of the arm and of corners are all there
-is."""
-LEAST_SECOND_RAD: Final = np.deg2rad(5.0)
-"""So much the poses must turn about a second axis: with one alone the place along it stays unknown."""
-WRONG_RMS_PX: Final = 2.0
-"""No session whose poses belong together leaves this much."""
 WRONG_POSE_TIMES, WRONG_POSE_PX = 4.0, 0.6
 """A pose that leaves this many times the median of the others and this much is wrong."""
-SCALE_LEAST, SCALE_SIGMAS = 0.003, 5.0
-"""Three in a thousand: below that a board is printed as well as a rule reads it."""
-PAIRS_TRIED: Final = 7
-PAIR_PX: Final = 1.5
-"""Left and right picture of one board agree within this unless cameras, calibration or pairs are mixed up."""
-
-
-class Trouble(Enum):
-    """What can be wrong with a session. Values are what a person reads first."""
-
-    TOO_FEW = "too few poses"
-    WEAK_MOTION = "the poses turn too little"
-    ONE_AXIS = "the poses turn about one axis only"
-    WRONG_POSE = "a pose does not belong to the others"
-    WRONG_PITCH = "the board is not as large as told"
-    WRONG_RIG = "the cameras' baseline is not as long as calibrated"
-    MIRRORED = "the board is seen mirrored"
-    SWAPPED = "left and right camera are swapped"
-    NOT_A_PAIR = "the two pictures of a pose do not show one board"
-    INVERTED = "the poses are of the base seen from the tool"
-    OTHER_MOUNT = "the camera is mounted the other way than told"
-    NO_FIT = "the poses and the pictures do not belong together"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """One trouble: ``value`` against ``limit`` in ``unit``, and which poses (places in the session)."""
-
-    trouble: Trouble
-    value: float
-    limit: float
-    unit: Literal["m", "rad", "px", "1"]
-    poses: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """How far the poses spread: the largest turn between two, what is turned about a second axis (root mean
-    square over all pairs), and the largest distance between two tools."""
-
-    largest_rad: float
-    second_rad: float
-    reach_m: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,41 +71,6 @@ class Verdict:
         return self.fit is not None and not self.findings
 
 
-def motion_of(poses: Sequence[Transform]) -> Motion:
-    """The spread of the arm's poses."""
-    turns, reach = [], 0.0
-    for i, one in enumerate(poses):
-        for other in poses[i + 1 :]:
-            turns.append(transforms.vector_from_matrix(one.rotation.T @ other.rotation))
-            reach = max(reach, float(np.linalg.norm(one.translation - other.translation)))
-    if not turns:
-        return Motion(largest_rad=0.0, second_rad=0.0, reach_m=0.0)
-    vectors = np.array(turns)
-    spread = np.linalg.svd(vectors, compute_uv=False) / np.sqrt(len(vectors))
-    second = float(spread[1]) if len(spread) > 1 else 0.0
-    return Motion(largest_rad=float(np.linalg.norm(vectors, axis=1).max()), second_rad=second, reach_m=reach)
-
-
-def weak(motion: Motion, count: int) -> tuple[Finding, ...]:
-    """What stands against solving at all; asked before any solving."""
-    found = []
-    if count < LEAST_POSES:
-        found.append(Finding(trouble=Trouble.TOO_FEW, value=count, limit=LEAST_POSES, unit="1"))
-    if motion.largest_rad < LEAST_TURN_RAD:
-        found.append(
-            Finding(
-                trouble=Trouble.WEAK_MOTION, value=motion.largest_rad, limit=float(LEAST_TURN_RAD), unit="rad"
-            )
-        )
-    elif motion.second_rad < LEAST_SECOND_RAD:
-        found.append(
-            Finding(
-                trouble=Trouble.ONE_AXIS, value=motion.second_rad, limit=float(LEAST_SECOND_RAD), unit="rad"
-            )
-        )
-    return tuple(found)
-
-
 def calibrate(
     sightings: Sequence[Sighting],
     stereo: StereoModel,
@@ -173,7 +92,7 @@ def calibrate(
     findings = list(weak(motion, count))
     if findings:
         return _nothing(mount, motion, count, findings)
-    pair = _pairs(sightings, stereo)
+    pair = handeye_trouble.pairs(sightings, stereo)
     if pair is not None:
         return _nothing(mount, motion, count, [pair])
     boards = [board_pose(s, stereo) for s in sightings]
@@ -181,7 +100,7 @@ def calibrate(
     if len(seen) < LEAST_POSES:
         few = Finding(trouble=Trouble.TOO_FEW, value=len(seen), limit=LEAST_POSES, unit="1")
         return _nothing(mount, motion, count, [few])
-    mirrored = _mirrored([board for board in boards if board is not None])
+    mirrored = handeye_trouble.mirrored([board for board in boards if board is not None])
     if mirrored is not None:
         findings.append(mirrored)
     looked = [sightings[k] for k in seen]
@@ -193,7 +112,9 @@ def calibrate(
     )
     start = _start(looked, poses, stereo, mount)
     if start is None:
-        return replace(_nothing(mount, motion, count, findings or [_no_fit(float("inf"))]), forms=forms)
+        return replace(
+            _nothing(mount, motion, count, findings or [handeye_trouble.no_fit(float("inf"))]), forms=forms
+        )
     first = fit(looked, stereo, mount, start, noise)
     agreed, wrong = _agreeing(looked, stereo, mount, first, noise)
     result = first if not wrong else fit([looked[k] for k in agreed], stereo, mount, start, noise)
@@ -211,7 +132,7 @@ def calibrate(
             )
             for k, px, limit in wrong
         ]
-        findings += _scales(scaled)
+        findings += handeye_trouble.scales(scaled)
     pose_px = np.full(count, np.nan)
     pose_px[seen] = pose_residuals_px(looked, stereo, mount, result.found)
     held_out, area = _left_out(looked, poses, agreed, stereo, mount, result, noise, area_m)
@@ -236,7 +157,6 @@ def calibrate(
     )
 
 
-_STILL: Final = Noise(arm_m=0.0, arm_rad=0.0)
 _UNFIT: Final = frozenset({Trouble.NO_FIT, Trouble.INVERTED, Trouble.OTHER_MOUNT})
 
 
@@ -306,10 +226,6 @@ def _agreeing(
     return agreed, wrong
 
 
-def _no_fit(rms_px: float) -> Finding:
-    return Finding(trouble=Trouble.NO_FIT, value=rms_px, limit=WRONG_RMS_PX, unit="px")
-
-
 def _misunderstood(
     sightings: Sequence[Sighting],
     boards: Sequence[Transform],
@@ -334,68 +250,7 @@ def _misunderstood(
                 Finding(trouble=Trouble.OTHER_MOUNT, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
                 Finding(trouble=Trouble.INVERTED, value=result.rms_px, limit=WRONG_RMS_PX, unit="px"),
             ]
-    return [_no_fit(result.rms_px)]
-
-
-def _scales(scaled: Fit) -> list[Finding]:
-    """Sizes that the arm contradicts."""
-    found = []
-    for trouble, scale, sigma in (
-        (Trouble.WRONG_PITCH, scaled.board_scale, scaled.board_scale_sigma),
-        (Trouble.WRONG_RIG, scaled.rig_scale, scaled.rig_scale_sigma),
-    ):
-        if not np.isfinite(sigma):
-            continue
-        limit = max(SCALE_LEAST, SCALE_SIGMAS * sigma)
-        if abs(scale - 1.0) > limit:
-            found.append(Finding(trouble=trouble, value=scale, limit=limit, unit="1"))
-    return found
-
-
-def _mirrored(boards: Sequence[Transform]) -> Finding | None:
-    """A board has its back to the camera only when its corners are numbered mirrored: paper shows nothing
-    from behind. Its z axis points into it, away from the camera."""
-    away = np.array([board.rotation[2, 2] for board in boards])
-    share = float(np.mean(away < 0))
-    if share <= 0.5:
-        return None
-    return Finding(trouble=Trouble.MIRRORED, value=share, limit=0.5, unit="1")
-
-
-def _pairs(sightings: Sequence[Sighting], stereo: StereoModel) -> Finding | None:
-    """Whether the two pictures of each pose show one board as this pair of cameras would."""
-    both = [s for s in sightings if len(s.left_px) >= 6 and len(s.right_px) >= 6]
-    both = both[:: max(1, len(both) // PAIRS_TRIED)]
-    if not both:
-        return None
-    told = float(np.median([_pair_px(s, stereo) for s in both]))
-    if told <= PAIR_PX:
-        return None
-    swapped = float(np.median([_pair_px(_swap(s), stereo) for s in both]))
-    named = Trouble.SWAPPED if swapped < 0.25 * told else Trouble.NOT_A_PAIR
-    return Finding(trouble=named, value=told, limit=PAIR_PX, unit="px")
-
-
-def _pair_px(sighting: Sighting, stereo: StereoModel) -> float:
-    """What the best pose of the board leaves in both pictures, with the board's size free: its pitch is no
-    business of this test."""
-    pose = board_pose(sighting, stereo)
-    if pose is None:
-        return float("inf")
-    still = HandEye(mount_from_camera=transforms.identity(), held_from_board=pose)
-    alone = replace(sighting, base_from_tool=transforms.identity())
-    free = fit([alone], stereo, "fixed", still, _STILL, robust=False, scales=1)
-    return float(free.pose_px[0])
-
-
-def _swap(sighting: Sighting) -> Sighting:
-    return replace(
-        sighting,
-        board_left_m=sighting.board_right_m,
-        left_px=sighting.right_px,
-        board_right_m=sighting.board_left_m,
-        right_px=sighting.left_px,
-    )
+    return [handeye_trouble.no_fit(result.rms_px)]
 
 
 def _left_out(

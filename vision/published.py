@@ -8,9 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from vision import binarize, corners, graph, loops, match_paper, reconstruct, retrieve, stereo, thin
+from vision.empty import near_changes
 from vision.quality import require_grey
-from vision.types import Graph, Grey, NodeKind, PartModel, Plane, Scene, StereoModel, Tuning, View
+from vision.stereo import Rectification
+from vision.types import (
+    EmptyTray,
+    Graph,
+    Grey,
+    Mask,
+    NodeKind,
+    PartModel,
+    Plane,
+    Scene,
+    StereoModel,
+    Tuning,
+    View,
+    read_only,
+)
 
 Observer = Callable[[str, object], None]
 """Gets every product with the name of its stage, as soon as it is made."""
@@ -68,6 +85,8 @@ def locate_published(
     # the band is proposed from the raw pictures, whose histogram has no black frame
     bands = [tuning.band or binarize.propose_band(raw) for raw in (left_grey, right_grey)]
     masks = [binarize.in_band(grey, band) for grey, band in zip(greys, bands, strict=True)]
+    if tuning.empty is not None:
+        masks = _put_there(masks, (left_grey, right_grey), tuning.empty, rect, tuning.spur_px)
     tell("binarize", tuple(masks))
     skeletons = [thin.zhang_suen(mask) for mask in masks]
     tell("thin", tuple(skeletons))
@@ -100,6 +119,18 @@ def locate_published(
         right=views[1],
         matches=matches,
     )
+
+
+def _put_there(
+    masks: list[Mask], raw: tuple[Grey, Grey], empty: EmptyTray, rect: Rectification, near_px: float
+) -> list[Mask]:
+    """Rectified masks without what belongs to the empty tray."""
+    left, right = (
+        np.where(near_changes(grey, reference, near_px), np.uint8(255), np.uint8(0))
+        for grey, reference in zip(raw, (empty.left, empty.right), strict=True)
+    )
+    kept = stereo.rectify_pictures(left, right, rect)
+    return [read_only(mask & (there > 127)) for mask, there in zip(masks, kept, strict=True)]
 
 
 def require_pictures(left_grey: Grey, right_grey: Grey, stereo_model: StereoModel) -> None:

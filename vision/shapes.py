@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from vision import graph, thin
+from vision.empty import put_there, side_of
 from vision.foreground import Foreground, stands_out
 from vision.published import Observer, require_pictures
 from vision.ribbons import Ribbons, ribbons
@@ -102,7 +103,11 @@ def locate_shapes(
     distance_m = -plane.offset_m / float(plane.normal[2])
     metre_px = float(stereo_model.left.matrix[0, 0]) / distance_m
     greys = (left_grey, right_grey)
-    left_found, right_found = (_foreground(grey, width_of(part) * metre_px) for grey in greys)
+    width_px = width_of(part) * metre_px
+    left_found, right_found = (
+        put_there(_foreground(grey, width_px), grey, side_of(tuning.empty, side), width_px)
+        for side, grey in enumerate(greys)
+    )
     masks = (left_found.mask, right_found.mask)
     tell("binarize", masks)
     views = _views(greys, masks, (left_found, right_found), tuning.spur_px)

@@ -240,6 +240,14 @@ class PartModel:
     thinning_end_m: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EmptyTray:
+    """Raw grey pictures (H, W) uint8 of the empty tray, by the cameras and from the place of the look."""
+
+    left: Grey
+    right: Grey
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuning:
     """The gates of the stages. Lengths in pixels are at the picture's own scale.
@@ -266,6 +274,8 @@ class Tuning:
         Candidates below are refused, 0..1.
     length_2d
         Published method: measure length in 2-D, parallel to the table (section 3.3).
+    empty
+        The tray without parts: what looks as it did there is not looked at. None: everything is.
     """
 
     method: Method = "default"
@@ -278,6 +288,7 @@ class Tuning:
     max_tilt_rad: float = 0.7
     min_score: float = 0.3
     length_2d: bool = False
+    empty: EmptyTray | None = None
 
 
 class Refusal(Enum):

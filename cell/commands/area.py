@@ -1,4 +1,4 @@
-"""``mikado area teach``: the pick area and its heights, by touching or in a picture. Moves nothing."""
+"""``mikado area ...``: the pick area and its heights, and how the tray looks when empty."""
 
 from __future__ import annotations
 
@@ -34,6 +34,44 @@ def add(commands: Commands) -> None:
     teach.add_argument("--margin-mm", type=float, default=0.0, help="keep this far inside of the points")
     teach.set_defaults(run=run_teach)
 
+    empty = kinds.add_parser(
+        "empty",
+        help="does anything lie in the tray that its empty pictures do not show? --take takes them, with the "
+        "arm at workspace.watch_q_rad; without it nothing moves",
+    )
+    empty.add_argument("config", type=Path, metavar="CONFIG")
+    empty.add_argument("--take", action="store_true", help="the tray is empty now: keep its pictures")
+    empty.add_argument(
+        "--sure", action="store_true", help="with --take: what looks like a part belongs to the tray"
+    )
+    empty.add_argument(
+        "--yes", action="store_true", help="with --take: do not ask before the arm goes to watch_q_rad"
+    )
+    empty.set_defaults(run=run_empty)
+
+
+def run_empty(arguments: argparse.Namespace) -> int:
+    """Take or compare pictures of the empty tray."""
+    from rich.console import Console
+
+    from cell import config as configuration
+    from cell.commission import area_empty
+    from drivers.timing import MonotonicClock
+
+    console = Console(soft_wrap=True, highlight=False)
+    config = configuration.load(arguments.config)
+    if config.cameras.mount != "fixed":
+        raise UsageError("area empty is for fixed cameras: on the arm they see the tray from elsewhere")
+    if arguments.take:
+        from cell.commission.questions import ask
+
+        clock = MonotonicClock()
+        area_empty.out_of_view(config, clock, (lambda _text: True) if arguments.yes else ask)
+        return area_empty.take(arguments.config, config, clock, sure=arguments.sure, console=console)
+    if arguments.sure or arguments.yes:
+        raise UsageError("--sure and --yes go with --take")
+    return area_empty.compare(arguments.config, config, MonotonicClock(), console)
+
 
 def run_teach(arguments: argparse.Namespace) -> int:
     """Teach the area."""
@@ -55,16 +93,16 @@ def run_teach(arguments: argparse.Namespace) -> int:
             raise UsageError(f"--height-mm {arguments.height_mm}: from 1 to 500 millimetres above the floor")
         heights = 1e-3 * arguments.height_mm
     if arguments.touch is not None:
-        from cell.commission.arm import SlowArm, halted_by_ctrl_c
+        from cell.commission.arm import LedArm, halted_by_ctrl_c
         from cell.commission.questions import line
         from drivers.factory import Factory
         from drivers.timing import StopRequested
 
-        robot = Factory(clock).robot("robot", config.robot)
+        robot = Factory(clock).watched_arm("robot", config.robot)
         robot.open()
         try:
             with halted_by_ctrl_c(clock) as stop:
-                arm = SlowArm(robot=robot, stop=stop)
+                arm = LedArm(robot=robot, stop=stop)
                 points = area.led_points(arm, arguments.touch, config.jaws.tip_beyond_tool_m, line)
         except StopRequested as error:
             raise UsageError(str(error)) from error

@@ -27,6 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from cell import config as configuration
     from cell import drift
+    from cell.alarm_table import TABLE, Condition
     from vision.drift import SETTLED_LOOKS, alarms
 
     console = Console(soft_wrap=True, highlight=False)
@@ -58,11 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(table)
     found = alarms(watched.drift, limits)
     for each in found:
-        console.print(
-            f"[red]{drift.CODE}: {each.what} at {each.value:.4f}, {each.reference:.4f} is expected, "
-            f"limit {each.limit:g}[/red]\n  verify touch, then calibrate again; nothing is corrected by "
-            f"itself"
-        )
+        console.print(f"[red]{Condition.CALIBRATION_DRIFT.name}: {drift.in_words(each)}[/red]")
+    if found:
+        row = TABLE[Condition.CALIBRATION_DRIFT]
+        console.print(f"  {row.consequence}; {row.action}")
     if not found:
         few = watched.drift.rows_px.looks < SETTLED_LOOKS
         console.print(f"fewer than {SETTLED_LOOKS} looks: no say yet" if few else "[green]no drift[/green]")

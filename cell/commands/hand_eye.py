@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from cell.commands import Commands
     from cell.commission.session import Stop
+    from drivers.interfaces import WatchedArm
     from vision.boards import Board
     from vision.handeye import Mount
 
@@ -126,7 +127,7 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
 
     from cell import config as configuration
     from cell.commission import capture, session
-    from cell.commission.arm import PATIENCE_S, SlowArm, halted_by_ctrl_c
+    from cell.commission.arm import PATIENCE_S, LedArm, SlowArm, halted_by_ctrl_c
     from cell.commission.dome import dome
     from cell.commission.questions import ask
     from cell.frames import transform_of
@@ -142,13 +143,18 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
     clock = MonotonicClock()
     factory = Factory(clock)
     rig = factory.rig(config.cameras.left, config.cameras.right, config.cameras.max_skew_s)
-    robot = factory.robot("robot", config.robot)
+    led = arguments.free is not None
+    robot: WatchedArm
+    if led:
+        robot = factory.watched_arm("robot", config.robot)  # a control program would hold it against the hand
+    else:
+        robot = moved = factory.robot("robot", config.robot)
     try:
         rig.open()
         robot.open()
         with halted_by_ctrl_c(clock) as stop:
             taking = capture.Taking(
-                arm=SlowArm(robot=robot, stop=stop),
+                arm=LedArm(robot=robot, stop=stop) if led else SlowArm(robot=moved, stop=stop),
                 rig=rig,
                 board=board,
                 folder=arguments.save,
@@ -158,7 +164,7 @@ def _live(arguments: argparse.Namespace, board: Board, mount: Mount, console: Co
             )
             if arguments.routine is not None:
                 return capture.again(taking, session.read(arguments.routine))
-            if arguments.free is not None:
+            if led:
                 return capture.led(taking, count)
             if arguments.start_mm is not None:
                 capture.begin(taking, np.array(arguments.start_mm) * 1e-3)

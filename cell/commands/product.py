@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,19 @@ def add(commands: Commands) -> None:
     grasp.add_argument("--slack-mm", type=float, help="how far from there the jaws may look for room")
     grasp.add_argument("--approach-mm", type=float, help="height above the grasp where descent begins")
     grasp.add_argument("--retreat-mm", type=float, help="the part is lifted at least so high")
+    grasp.add_argument(
+        "--free-rotation-deg",
+        type=float,
+        help="where straight down has no room, the hand may lean so far about the part's axis (0: never)",
+    )
+    jaws = grasp.add_argument_group("jaws", "the fingers, written into the configuration; the whole cell's")
+    jaws.add_argument("--opening-mm", type=float, help="between the open fingers")
+    jaws.add_argument("--finger-width-mm", type=float, help="of a finger, along the part")
+    jaws.add_argument("--finger-thickness-mm", type=float, help="of a finger, across the part")
+    jaws.add_argument("--finger-depth-mm", type=float, help="from the tips up to the gripper's body")
+    jaws.add_argument("--clearance-mm", type=float, help="free space a finger needs around it")
+    jaws.add_argument("--tip-beyond-tool-mm", type=float, help="the tips reach so far beyond the tool point")
+    jaws.add_argument("--below-axis-mm", type=float, help="the tool point goes so far below the part's axis")
     grasp.add_argument("--preview", type=Path, metavar="PNG")
     grasp.set_defaults(run=run_grasp)
 
@@ -55,9 +69,21 @@ def run_grasp(arguments: argparse.Namespace) -> int:
         slack_m=metres(arguments.slack_mm),
         approach_height_m=metres(arguments.approach_mm),
         retreat_height_m=metres(arguments.retreat_mm),
+        free_rotation_rad=None
+        if arguments.free_rotation_deg is None
+        else round(math.radians(arguments.free_rotation_deg), 4),
+    )
+    fingers = grasping.Fingers(
+        opening_m=metres(arguments.opening_mm),
+        width_m=metres(arguments.finger_width_mm),
+        thickness_m=metres(arguments.finger_thickness_mm),
+        depth_m=metres(arguments.finger_depth_mm),
+        min_clearance_m=metres(arguments.clearance_mm),
+        tip_beyond_tool_m=metres(arguments.tip_beyond_tool_mm),
+        below_axis_m=metres(arguments.below_axis_mm),
     )
     console = Console(soft_wrap=True, highlight=False)
-    return grasping.grasp(arguments.product, arguments.config, wish, arguments.preview, console)
+    return grasping.grasp(arguments.product, arguments.config, wish, fingers, arguments.preview, console)
 
 
 def run_teach(arguments: argparse.Namespace) -> int:

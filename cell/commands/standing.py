@@ -78,7 +78,7 @@ def _lines(document: dict[str, object]) -> list[str]:
 
 def _alarms(arguments: argparse.Namespace) -> int:
     from cell import config, standing
-    from cell.alarm_table import AlarmCode
+    from cell.alarm_table import alarm_of
     from cell.errors import UsageError
 
     if arguments.acknowledge is not None:
@@ -87,7 +87,7 @@ def _alarms(arguments: argparse.Namespace) -> int:
         do = "shelve" if arguments.shelve is not None else "unshelve"
         number = arguments.shelve if do == "shelve" else arguments.unshelve
     try:
-        code = None if number == "all" else int(AlarmCode(int(number)))
+        code = None if number == "all" else int(alarm_of(int(number)))
     except ValueError as error:
         raise UsageError(
             f"{number} is not the code of an alarm; `mikado state` shows those that stand"

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from cell import calibration, yamledit
+from cell import calibration
 from cell import config as configuration
-from cell.commission.arm import PATIENCE_S, SlowArm
+from cell.commission import changed
+from cell.commission.arm import PATIENCE_S, LedArm
 from cell.config import CellConfig
 from cell.emptiness import on_plane
 from cell.errors import UsageError
@@ -31,7 +32,7 @@ LEAST_POINTS: Final = 3
 GRID_PX: Final = 40
 
 
-def led_points(arm: SlowArm, count: int, tip_m: float, line: Callable[[str], str]) -> Floats:
+def led_points(arm: LedArm, count: int, tip_m: float, line: Callable[[str], str]) -> Floats:
     """(N, 3) m, base frame: where the tips stood when the person said so; ``tip_m`` beyond the tool point."""
     points = []
     for k in range(count):
@@ -96,34 +97,12 @@ def write_area(
     values = {"box_min_m": _list(box_low), "box_max_m": _list(box_high)}
     if floor:
         values["floor_z_m"] = f"{floor_z:.4f}"
-    put(path, "workspace", values)
+    changed.put(path, "workspace", values, configuration.load)
     return 0
 
 
 def _list(values: Sequence[float]) -> str:
     return "[" + ", ".join(f"{v:.4f}" for v in values) + "]"
-
-
-def put(path: Path, section: str, values: dict[str, str]) -> None:
-    """Change keys of a configuration; what it becomes is checked first, the old one is kept beside it.
-
-    Raises
-    ------
-    ConfigError, UsageError
-    """
-    text = yamledit.replaced(path, section, values)
-    beside = path.with_name(path.name + ".new")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        try:
-            configuration.load(beside)
-        except BaseException:
-            beside.unlink()
-            raise
-        path.with_name(path.name + ".old").write_bytes(path.read_bytes())
-        beside.replace(path)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def look(config: CellConfig, clock: Clock) -> FramePair:

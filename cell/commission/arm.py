@@ -13,7 +13,7 @@ import numpy as np
 
 from cell.errors import UsageError
 from cell.frames import pose_of, transform_of
-from drivers.interfaces import Robot
+from drivers.interfaces import Robot, WatchedArm
 from drivers.timing import Clock, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, RobotState
 from vision import transforms
@@ -35,21 +35,11 @@ class NotSettled(UsageError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SlowArm:
-    """An open arm with the token that halts it."""
+class LedArm:
+    """An open arm that a person leads, with the token that ends the waiting for it."""
 
-    robot: Robot
+    robot: WatchedArm
     stop: StopToken
-
-    def line(self, base_from_tool: Transform, speed_m_s: float = SLOW_M_S) -> None:
-        """Straight there, slowly."""
-        motion = LineMotion(speed_m_s=speed_m_s, accel_m_s2=0.3, timeout_s=TIMEOUT_S)
-        self.robot.move_line(pose_of(base_from_tool), motion, self.stop)
-
-    def joints(self, target: JointAngles) -> None:
-        """Through joint space, slowly."""
-        motion = JointMotion(speed_rad_s=SLOW_RAD_S, accel_rad_s2=0.5, timeout_s=TIMEOUT_S)
-        self.robot.move_joints(target, motion, self.stop)
 
     def settled(self) -> RobotState:
         """Wait until the arm rests, and say where.
@@ -69,6 +59,23 @@ class SlowArm:
             if still >= SETTLE_READS:
                 return now
         raise NotSettled(f"the arm did not come to rest within {SETTLE_S:.0f} s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SlowArm(LedArm):
+    """An open arm with the token that halts it."""
+
+    robot: Robot
+
+    def line(self, base_from_tool: Transform, speed_m_s: float = SLOW_M_S) -> None:
+        """Straight there, slowly."""
+        motion = LineMotion(speed_m_s=speed_m_s, accel_m_s2=0.3, timeout_s=TIMEOUT_S)
+        self.robot.move_line(pose_of(base_from_tool), motion, self.stop)
+
+    def joints(self, target: JointAngles) -> None:
+        """Through joint space, slowly."""
+        motion = JointMotion(speed_rad_s=SLOW_RAD_S, accel_rad_s2=0.5, timeout_s=TIMEOUT_S)
+        self.robot.move_joints(target, motion, self.stop)
 
 
 def apart(one: RobotState, other: RobotState) -> bool:

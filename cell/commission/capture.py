@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from cell.commission import session
-from cell.commission.arm import SlowArm
+from cell.commission.arm import LedArm, SlowArm
 from cell.commission.session import Stop
 from cell.errors import UsageError
 from cell.frames import grey_of, pose_of, tool_down, transform_of
@@ -36,13 +36,19 @@ Say = Callable[[str], None]
 class Taking:
     """What a session is taken with. ``ask`` is a question that may be answered no."""
 
-    arm: SlowArm
+    arm: LedArm
     rig: StereoRig
     board: Board
     folder: Path
     look_timeout_s: float
     ask: Ask
     say: Say
+
+    @property
+    def moved(self) -> SlowArm:
+        """The arm where the program moves it."""
+        assert isinstance(self.arm, SlowArm), "opened to be moved"
+        return self.arm
 
 
 def begin(taking: Taking, point_m: Floats) -> None:
@@ -54,12 +60,12 @@ def begin(taking: Taking, point_m: Floats) -> None:
         The arm cannot get there, or the person said no.
     """
     target = tool_down(point_m, 0.0)
-    if not taking.arm.robot.reachable(target):
+    if not taking.moved.robot.reachable(target):
         raise UsageError(f"--start-mm: the arm does not reach {', '.join(f'{1e3 * v:.0f}' for v in point_m)}")
     pose = transform_of(target)
     if not taking.ask(f"start: {_way(taking, pose)}. Move there?"):
         raise UsageError("the start was refused; bring the arm there by hand and leave out --start-mm")
-    taking.arm.line(pose)
+    taking.moved.line(pose)
 
 
 def generated(taking: Taking, poses: Sequence[Transform]) -> tuple[Stop, ...]:
@@ -68,19 +74,19 @@ def generated(taking: Taking, poses: Sequence[Transform]) -> tuple[Stop, ...]:
     start = transform_of(taking.arm.robot.state().tool)
     for number, pose in enumerate(poses):
         name = f"{number + 1:02d}"
-        if not taking.arm.robot.reachable(pose_of(pose)):
+        if not taking.moved.robot.reachable(pose_of(pose)):
             taking.say(f"pose {name}: out of the arm's reach, left out")
             continue
         if not taking.ask(f"pose {name} of {len(poses)}: {_way(taking, pose)}. Move there?"):
             continue
         try:
-            taking.arm.line(pose)
+            taking.moved.line(pose)
         except CommandRejected as error:
             taking.say(f"pose {name}: {error}; left out")
             continue
         _take(taking, name, kept)
     if kept:
-        taking.arm.line(start)
+        taking.moved.line(start)
     return _written(taking, kept)
 
 
@@ -94,7 +100,7 @@ def again(taking: Taking, routine: Sequence[Stop]) -> tuple[Stop, ...]:
             )
         if not taking.ask(f"pose {stop.name}: {_way(taking, stop.base_from_tool)}. Move there?"):
             continue
-        taking.arm.joints(stop.joints)
+        taking.moved.joints(stop.joints)
         _take(taking, stop.name, kept)
     return _written(taking, kept)
 

@@ -18,7 +18,8 @@ from cell.commission.hand_eye_plot import write_plot
 from cell.errors import UsageError
 from vision import transforms
 from vision.handeye import Mount, Sighting
-from vision.handeye_checks import ADVISED_POSES, Finding, Trouble, Verdict, calibrate
+from vision.handeye_checks import Verdict, calibrate
+from vision.handeye_trouble import ADVISED_POSES, Finding, Trouble
 from vision.types import Floats, StereoModel, Transform
 
 EXIT_GOOD: Final = 0

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from rich.console import Console
 
-from cell import calibration, frames, wiring
+from cell import calibration, empty_tray, frames, wiring
 from cell import config as configuration
 from cell.calibration import Calibration
 from cell.colours import in_colour
@@ -128,7 +128,7 @@ def from_cameras(config_path: Path, part_code: int | None, method: str | None) -
             greys = check.check(pair)
     names = f"{pair.left.camera}, {pair.right.camera}"
     refuse_moved(mounting.standing(view).row_residual(*greys), names)
-    tuning = config.tuning.tuning()
+    tuning = empty_tray.tuning_of(config)
     if method is not None:
         tuning = replace(tuning, method="published" if method == "published" else "default")
     among = config.among(part)

@@ -130,7 +130,8 @@ def write(path: Path, taught: Taught, console: Console) -> int:
 
 
 def _without_tray(shown: Shown) -> tuple[Grey, Grey]:
-    """The pictures with everything that was there before painted over by the ground's typical grey."""
+    """The pictures with everything that was there before painted over by the grey of the ground beside what
+    was put there."""
     if shown.empty is None:
         return shown.left, shown.right
     pictures: list[Grey] = []
@@ -139,7 +140,9 @@ def _without_tray(shown: Shown) -> tuple[Grey, Grey]:
             raise UsageError("the pictures of the empty tray differ in size from those with the part")
         changed = np.abs(now.astype(np.float64) - before) > _CHANGED_GREY
         near = cv2.dilate(changed.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
-        pictures.append(np.where(near, now, np.uint8(np.median(before))).astype(np.uint8))
+        if not near.any():
+            raise UsageError("no part is seen: the pictures are those of the empty tray")
+        pictures.append(np.where(near, now, np.uint8(np.median(before[near]))).astype(np.uint8))
     return pictures[0], pictures[1]
 
 
@@ -157,7 +160,10 @@ def _first_width_m(left: Grey, length_m: float) -> float:
         things.append((long, len(spots) / long))
     things.sort(reverse=True)
     if not things:
-        raise UsageError("no part is seen: nothing stands out brightly; more light, or another ground")
+        raise UsageError(
+            "no part is seen: nothing stands out brightly; more light, another ground, or pictures of the "
+            "empty tray (--empty-left, --empty-right; with --config: mikado area empty --take)"
+        )
     long, wide = things[0]
     if long < _STRAIGHT * wide:
         raise UsageError("no thin part is seen: the longest bright thing is nearly as wide as it is long")
@@ -165,8 +171,7 @@ def _first_width_m(left: Grey, length_m: float) -> float:
     if rivals:
         raise UsageError(
             f"{1 + len(rivals)} long things are seen: leave one part in view, or give pictures of the "
-            "empty tray "
-            "(--empty-left, --empty-right)"
+            "empty tray (--empty-left, --empty-right; with --config: mikado area empty --take)"
         )
     return length_m * wide / long
 
@@ -271,7 +276,8 @@ def from_files(
 
 
 def from_cameras(config_path: Path, empty: tuple[Path, Path] | None) -> Shown:
-    """A look through the configured cameras; nothing moves."""
+    """A look through the configured cameras, without the tray where the configuration has its empty pictures;
+    nothing moves."""
     from cell.commission import look
 
     sight = look.from_cameras(config_path, None, None)
@@ -279,13 +285,17 @@ def from_cameras(config_path: Path, empty: tuple[Path, Path] | None) -> Shown:
         np.asarray(p if p.ndim == 2 else cv2.cvtColor(p, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         for p in (sight.left, sight.right)
     ]
+    before = None if empty is None else (_grey(empty[0]), _grey(empty[1]))
+    kept = sight.tuning.empty
+    if before is None and kept is not None:
+        before = (kept.left, kept.right)
     return Shown(
         left=greys[0],
         right=greys[1],
-        empty=None if empty is None else (_grey(empty[0]), _grey(empty[1])),
+        empty=before,
         known=sight.known,
         table=sight.table,
-        tuning=sight.tuning,
+        tuning=replace(sight.tuning, empty=None),
     )
 
 

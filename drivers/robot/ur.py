@@ -29,6 +29,7 @@ from drivers.robot.ur_preflight import TCP_TOLD_M, TCP_TOLD_RAD, look, offset_of
 from drivers.robot.ur_process import WorkerProcess
 from drivers.robot.ur_reach import UrKinematics
 from drivers.robot.ur_stream import PINS, Snapshot, UrStream
+from drivers.robot.ur_watch import state_of
 from drivers.settings import UrRobotSettings
 from drivers.timing import Clock, StopRequested, StopToken
 from drivers.types import JointAngles, JointMotion, LineMotion, RobotState, ToolPose
@@ -147,18 +148,7 @@ class UrRobot:
 
     def state(self) -> RobotState:
         """What the arm says of itself; see `drivers.interfaces.Robot`."""
-        snapshot = self._fresh()
-        return RobotState(
-            safety=snapshot.safety,
-            powered=snapshot.robot_mode == RUNNING,
-            program_running=snapshot.runtime == Runtime.PLAYING,
-            tool=ToolPose.of(snapshot.tool),
-            joints=JointAngles(q_rad=snapshot.q_rad),
-            moving=snapshot.moving,
-            speed_fraction=snapshot.speed_fraction,
-            controller_time_s=snapshot.controller_time_s,
-            read_at=snapshot.at,
-        )
+        return state_of(self._fresh())
 
     def _fresh(self) -> Snapshot:
         """The newest state; a link in doubt costs the worker its life."""

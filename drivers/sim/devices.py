@@ -208,13 +208,15 @@ class SimCamera:
         return Frame(camera=self._name, pixels=pixels, captured_at=captured_at, sequence=sequence)
 
 
-class SimRobot:
-    """The arm of the simulated cell. Moves are started, then asked after until they end."""
+class SimWatch:
+    """The arm of the simulated cell, only looked at: whoever has control goes on having it."""
 
-    def __init__(self, name: str, settings: SimRobotSettings, clock: Clock) -> None:
+    def __init__(
+        self, name: str, settings: SimRobotSettings, clock: Clock, greeting: str | None = None
+    ) -> None:
         self._name = name
         self._clock = clock
-        self._link = Link(name, settings.host, settings.port, clock, greeting="take_control")
+        self._link = Link(name, settings.host, settings.port, clock, greeting=greeting)
         self._controller_time_s = float("-inf")
         self._ticked_at = float("-inf")
 
@@ -224,15 +226,12 @@ class SimRobot:
         return self._name
 
     def open(self) -> None:
-        """Connect and take control; `CommandRejected` while another client has it."""
+        """Connect."""
         self._link.open()
         self._controller_time_s = self._ticked_at = float("-inf")
 
     def close(self) -> None:
-        """Give control back and disconnect; the controller halts whatever still moves."""
-        if self._link.connected:
-            with suppress(DriverError):  # a lost connection gives control back as well
-                self._link.ask("drop_control", wait_s=CLOSE_S)
+        """Disconnect; never raises, may come twice."""
         self._link.close()
 
     def state(self) -> RobotState:
@@ -260,6 +259,23 @@ class SimRobot:
         elif now - self._ticked_at > STALE_S:
             raise StaleData(self._name, f"its clock has stood at {state.controller_time_s:.3f} s")
         return state
+
+
+class SimRobot(SimWatch):
+    """The arm of the simulated cell. Moves are started, then asked after until they end.
+
+    `open` takes control; `CommandRejected` while another client has it.
+    """
+
+    def __init__(self, name: str, settings: SimRobotSettings, clock: Clock) -> None:
+        super().__init__(name, settings, clock, greeting="take_control")
+
+    def close(self) -> None:
+        """Give control back and disconnect; the controller halts whatever still moves."""
+        if self._link.connected:
+            with suppress(DriverError):  # a lost connection gives control back as well
+                self._link.ask("drop_control", wait_s=CLOSE_S)
+        super().close()
 
     def reachable(self, target: ToolPose) -> bool:
         """Whether some posture brings the tool there."""

@@ -13,7 +13,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from drivers.settings import SimRobotSettings
+from drivers.sim.devices import SimRobot
 from drivers.sim.geometry import Floats, apply, pose_matrix
+from drivers.timing import MonotonicClock, StopToken
+from drivers.types import JointAngles, JointMotion
 from tests.fakes.simcell import ROOT, SimCell
 
 DEMO = ROOT / "configs" / "demo"
@@ -72,6 +76,37 @@ class Commissioner:
                     process.stdin.write(f"{x:.4f} {y:.4f} {z:.4f}\n")
                     process.stdin.flush()
             return process.wait(30.0), said
+
+    def lead(self, routine: Path, save: str) -> tuple[int, str]:
+        """`calibrate hand-eye --free`: the arm is led through the poses of an earlier session."""
+        way = [JointAngles(q_rad=tuple(pose["joints"])) for pose in json.loads(routine.read_text())["poses"]]
+        clock = MonotonicClock()
+        settings = SimRobotSettings(driver="sim", host="127.0.0.1", port=self.cell.port)
+        hand, slowly = (
+            SimRobot("hand", settings, clock),
+            JointMotion(speed_rad_s=0.5, accel_rad_s2=1.0, timeout_s=60.0),
+        )
+        hand.open()
+        try:
+            hand.move_joints(way[0], slowly, StopToken(clock))
+            with subprocess.Popen(
+                [
+                    sys.executable, "-u", "-m", "cell", "calibrate", "hand-eye", "--config", "cell.yaml",
+                    "--board", "board.yaml", "--free", str(len(way)), "--save", save,
+                ],
+                cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "COLUMNS": "120"},
+            ) as process:  # fmt: skip
+                assert process.stdout is not None
+                said = ""
+                for line in process.stdout:
+                    said += line
+                    number = line[5:7]
+                    if line.startswith("pose ") and ": kept" in line and int(number) < len(way):
+                        hand.move_joints(way[int(number)], slowly, StopToken(clock))
+                return process.wait(30.0), said
+        finally:
+            hand.close()
 
     def corner(self, number: int) -> Floats:
         """Where an inner corner of the board really is, base frame, m."""

@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from cell.alarm_table import TABLE, AlarmCode, Priority
+from cell.alarm_table import TABLE, AlarmCode, Condition, Priority
 from cell.alarms import (
     SHELVED_MOST_S,
     Alarms,
@@ -20,8 +20,9 @@ from cell.alarms import (
     unshelve,
     update,
 )
+from cell.faults import FaultCode
 
-CODES = [AlarmCode.PROTECTIVE_STOP, AlarmCode.PLC_SILENT, AlarmCode.BIN_EMPTY]
+CODES: list[AlarmCode] = [FaultCode.PROTECTIVE_STOP, FaultCode.PLC_SILENT, Condition.BIN_EMPTY]
 
 
 class Panel(RuleBasedStateMachine):

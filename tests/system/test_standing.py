@@ -11,9 +11,11 @@ from statistics import median
 import pytest
 import yaml
 
+from cell import drift
 from drivers.types import PlcCommand, ResultCode
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import ROOT, SPEED, HandPlc, daemon, orders, until, write_config
+from tests.system.processes import DEMO, ROOT, SPEED, HandPlc, daemon, orders, until, write_config
+from vision.drift import SETTLED_LOOKS, Drift, Trend
 
 
 def told(config: Path) -> dict[str, object]:
@@ -72,6 +74,50 @@ def _codes(config: Path) -> set[int]:
     found = told(config)["alarms"]
     assert isinstance(found, list)
     return {alarm["code"] for alarm in found}
+
+
+def test_a_calibration_that_drifts_is_an_alarm_and_the_cell_goes_on(
+    tmp_path: Path, plc: HandPlc, cell: SimCell
+) -> None:
+    """A trend that was on its way before the daemon began gets its say with the next look."""
+    config = write_config(tmp_path, cell.port, plc.port)
+    data = yaml.safe_load(config.read_text(encoding="utf-8"))
+    data["commissioning"] = {"drift": {"memory_looks": 2.0, "length_limit": 0.06}}
+    config.write_text(yaml.safe_dump(data), encoding="utf-8")
+    before = drift.Watched(
+        calibration=drift.fingerprint(DEMO.parent / "calibration.json"),
+        drift=Drift(length=Trend(value=1.2, looks=SETTLED_LOOKS - 1)),
+    )
+    drift.save(tmp_path / "drift.json", before)
+    if cell.count("in_tray") < 3:
+        cell.ask("add_sticks", count=6)
+
+    def alarm() -> tuple[object, object] | None:
+        found = told(config)["alarms"]
+        assert isinstance(found, list)
+        return next(((a["state"], a["priority"]) for a in found if a["code"] == 104), None)
+
+    with daemon(config) as running:
+        running.started()
+        plc.enable()
+        assert alarm() is None
+        plc.wait(lambda s: s.ready, "ready")
+        plc.run(PlcCommand.VISION_ONLY)  # 1.2 and a good look make 1.1
+        plc.wait(lambda s: s.first_alarm == 104, "the alarm in the registers")
+        until(lambda: alarm() == ("unacknowledged", "medium"), 12.0, "the alarm in the file")
+        assert told(config)["devices"]["cameras"] == "maintenance required"  # type: ignore[index]
+        subprocess.run(
+            [sys.executable, "-m", "cell", "alarms", str(config), "--acknowledge", "104"],
+            cwd=ROOT,
+            check=True,
+        )
+        until(lambda: alarm() == ("acknowledged", "medium"), 12.0, "somebody has seen it")
+        plc.wait(lambda s: s.ready, "ready again")
+        assert plc.run(PlcCommand.VISION_ONLY).result_code == ResultCode.OK  # 1.05
+        until(lambda: alarm() is None, 12.0, "the alarm has gone")
+        assert running.terminate()[0] == 0
+    assert [line["code"] for line in running.events("alarm_came")] == [104]
+    assert [line["code"] for line in running.events("alarm_gone")] == [104]
 
 
 @pytest.mark.parametrize("ahead", [False, True], ids=["look when asked", "look while placing"])

@@ -6,7 +6,7 @@ import inspect
 
 import pytest
 
-from cell.alarm_table import TABLE, AlarmCode, Device, Health, Priority
+from cell.alarm_table import CODES, TABLE, AlarmCode, Condition, Device, Health, Priority, alarm_of
 from cell.faults import FaultCode, fault_of
 from drivers import errors
 from drivers.errors import DriverError, SafetyStop
@@ -34,22 +34,33 @@ def test_there_are_kinds_of_errors_to_look_at() -> None:
 @pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_error_of_every_role_is_an_alarm_of_its_device(kind: type[DriverError], role: str) -> None:
-    row = TABLE[AlarmCode(fault_of(kind(role, "something")).code)]
+    row = TABLE[fault_of(kind(role, "something")).code]
     assert row.device is ROLES[role]
     assert row.health is not Health.GOOD
 
 
 @pytest.mark.parametrize("mode", SafetyMode)
 def test_every_safety_stop_is_an_alarm_of_the_arm(mode: SafetyMode) -> None:
-    assert TABLE[AlarmCode(fault_of(SafetyStop("robot", mode)).code)].device is Device.ARM
+    assert TABLE[fault_of(SafetyStop("robot", mode)).code].device is Device.ARM
 
 
-@pytest.mark.parametrize("fault", [code for code in FaultCode if code])
-def test_every_fault_is_an_alarm_of_the_same_number_and_name(fault: FaultCode) -> None:
-    assert AlarmCode(int(fault)).name == fault.name
+def test_every_fault_is_an_alarm_and_no_number_means_two_things() -> None:
+    assert set(TABLE) == set(CODES) == {code for code in FaultCode if code} | set(Condition)
+    assert len({int(code) for code in CODES}) == len(CODES)
 
 
-@pytest.mark.parametrize("code", AlarmCode)
+@pytest.mark.parametrize("code", CODES)
+def test_an_alarm_is_found_by_its_number(code: AlarmCode) -> None:
+    assert alarm_of(int(code)) is code
+
+
+@pytest.mark.parametrize("number", [-1, 0, 99, 1000])
+def test_a_number_of_nothing_is_no_alarm(number: int) -> None:
+    with pytest.raises(ValueError, match=str(number)):
+        alarm_of(number)
+
+
+@pytest.mark.parametrize("code", CODES)
 def test_every_alarm_says_why_what_follows_and_what_to_do(code: AlarmCode) -> None:
     row = TABLE[code]
     for text in (row.cause, row.consequence, row.action):

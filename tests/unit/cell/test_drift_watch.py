@@ -9,7 +9,8 @@ import pytest
 from cell import drift
 from cell.commissioning import DriftConfig
 from cell.errors import ConfigError
-from vision.drift import Limits, observe
+from tests.fakes.station import scene, stick
+from vision.drift import SETTLED_LOOKS, Limits, observe
 
 LIMITS = Limits(rows_px=0.5, length=0.01, memory_looks=20.0)
 
@@ -41,3 +42,22 @@ def test_a_file_of_something_else_is_not_overwritten(tmp_path: Path) -> None:
     file.write_text('{"mine": 1}')
     with pytest.raises(ConfigError, match=r"not a drift file"):
         drift.DriftWatch(file, DriftConfig(), tmp_path / "calibration.json")
+
+
+def test_parts_that_measure_too_long_are_told_until_they_measure_right_again(tmp_path: Path) -> None:
+    file = tmp_path / "drift.json"
+    config = DriftConfig(memory_looks=4.0)
+
+    def looks(watch: drift.DriftWatch, share: float, count: int) -> None:
+        for _ in range(count):
+            watch.look(scene(stick((0.0, -0.45, 0.02), (0.1 * share, -0.45, 0.02))), 1, 0.1)
+
+    watch = drift.DriftWatch(file, config, tmp_path / "calibration.json")
+    looks(watch, 1.0, SETTLED_LOOKS)
+    assert watch.drifted() is None
+    looks(watch, 1.03, SETTLED_LOOKS)
+    assert str(watch.drifted()).startswith("measured over true length of parts: 1.02")
+    # a restart forgets nothing
+    assert drift.DriftWatch(file, config, tmp_path / "calibration.json").drifted() == watch.drifted()
+    looks(watch, 1.0, SETTLED_LOOKS)
+    assert watch.drifted() is None

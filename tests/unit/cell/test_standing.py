@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cell import figures, standing
-from cell.alarm_table import AlarmCode
+from cell.alarm_table import Condition
 from cell.alarms import AlarmState
 from cell.errors import ConfigError
 from cell.faults import Fault, FaultCode
@@ -179,12 +179,12 @@ def shown(kept: Standing) -> dict[int, str]:
 def test_a_condition_that_flickers_is_no_alarm(tmp_path: Path, clock: FakeClock) -> None:
     kept = made(tmp_path, clock)
     for _ in range(20):
-        kept.condition(AlarmCode.PLC_SILENT, "not heard")
+        kept.condition(FaultCode.PLC_SILENT, "not heard")
         clock.turn(0.5)
-        kept.condition(AlarmCode.PLC_SILENT, None)
+        kept.condition(FaultCode.PLC_SILENT, None)
         clock.turn(0.5)
     assert shown(kept) == {}
-    kept.condition(AlarmCode.PLC_SILENT, "not heard")
+    kept.condition(FaultCode.PLC_SILENT, "not heard")
     clock.turn(3.5)
     kept.tick()
     assert shown(kept) == {602: "unacknowledged"}
@@ -193,8 +193,8 @@ def test_a_condition_that_flickers_is_no_alarm(tmp_path: Path, clock: FakeClock)
 
 def test_a_shell_acknowledges_and_shelves(tmp_path: Path, clock: FakeClock) -> None:
     kept = made(tmp_path, clock)
-    kept.condition(AlarmCode.GRIPS_FAIL, "3 orders")
-    kept.condition(AlarmCode.CAMERA_LOST, "left")
+    kept.condition(Condition.GRIPS_FAIL, "3 orders")
+    kept.condition(FaultCode.CAMERA_LOST, "left")
     kept.tick()
     standing.ask(tmp_path, {"do": "acknowledge", "code": 511})
     standing.ask(tmp_path, {"do": "shelve", "code": 201, "for_s": 60.0})  # of high priority: refused
@@ -213,10 +213,10 @@ def test_a_shell_acknowledges_and_shelves(tmp_path: Path, clock: FakeClock) -> N
 
 def test_devices_have_the_worst_of_what_is_active(tmp_path: Path, clock: FakeClock) -> None:
     kept = made(tmp_path, clock)
-    kept.condition(AlarmCode.GRIPS_FAIL, "3 orders")
+    kept.condition(Condition.GRIPS_FAIL, "3 orders")
     kept.mode(Mode.MANUAL)
-    kept.condition(AlarmCode.PROTECTIVE_STOP, "arm")
-    kept.condition(AlarmCode.ROBOT_LOST, "arm")
+    kept.condition(FaultCode.PROTECTIVE_STOP, "arm")
+    kept.condition(FaultCode.ROBOT_LOST, "arm")
     kept.tick()
     devices = kept.document()["devices"]
     assert devices == {

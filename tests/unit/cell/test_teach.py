@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -64,6 +65,31 @@ def test_with_the_correction_the_published_method_measures_the_true_length() -> 
     assert offered.offered
     assert abs(corrected - 0.1) <= abs(offered.length_m - 0.1) + 1e-6
     assert corrected == pytest.approx(0.1, abs=0.003)
+
+
+def on_a_bright_table(picture: Grey) -> Grey:
+    """The drawn table as the floor of a tray in a larger, brighter one."""
+    bright = picture.copy()
+    bright[:120] = bright[-110:] = bright[:, :150] = bright[:, -150:] = 130
+    return bright
+
+
+def test_a_table_brighter_than_the_tray_takes_nothing_away() -> None:
+    look = shown([ONE], empty=[])
+    assert look.empty is not None
+    look = replace(
+        look,
+        left=on_a_bright_table(look.left),
+        right=on_a_bright_table(look.right),
+        empty=(on_a_bright_table(look.empty[0]), on_a_bright_table(look.empty[1])),
+    )
+    taught = teach.teach(look, 0.1, 3, "rod")
+    assert taught.part.diameter_m == pytest.approx(0.004, rel=0.15)
+
+
+def test_a_tray_in_which_nothing_was_put_is_said_to_be_empty() -> None:
+    with pytest.raises(UsageError, match="those of the empty tray"):
+        teach.teach(shown([], empty=[]), 0.1, 3, "rod")
 
 
 def test_the_empty_tray_takes_other_things_away() -> None:

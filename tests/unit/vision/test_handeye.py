@@ -12,7 +12,8 @@ from tests.fakes import boardrig
 from tests.fakes.boardrig import Session
 from vision import transforms
 from vision.handeye import Mount
-from vision.handeye_checks import Trouble, Verdict, calibrate, motion_of, weak
+from vision.handeye_checks import Verdict, calibrate
+from vision.handeye_trouble import Trouble, motion_of, weak
 
 AREA = area_points(boardrig.stereo(), 0.4)
 MOUNTS: tuple[Mount, ...] = ("fixed", "tool")
