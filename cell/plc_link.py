@@ -1,4 +1,4 @@
-"""The PLC thread: exchange, step, pass on; every 50 ms, whatever else happens.
+"""The PLC thread: exchange, step, pass on; every 50 ms, and at once with the answer to an order.
 
 The order of things that must survive a power cut: an order is journaled before the exchange that tells
 the PLC it was accepted, and before the cell thread gets it; a result is journaled (by the cell thread)
@@ -60,6 +60,7 @@ class PlcLink:
         self._said_at = 0.0
         self._failures = 0
         self._acknowledged = 0
+        self._owing = False
 
     def run(self) -> None:
         """Until the token fires; then a last exchange with ready and busy off."""
@@ -85,10 +86,13 @@ class PlcLink:
         self._memory, self._outputs = first.memory, first.outputs
 
     def _pause_s(self) -> float:
-        """The period; longer and longer while nobody answers, so that a missing PLC costs nothing.
+        """The period; none while the PLC waits for what is known already: the answer to its order.
+        Longer and longer while nobody answers, so that a missing PLC costs nothing.
 
         Not before the loss is certain: until then an order may be running, and each poll may end it.
         """
+        if self._owing:
+            return 0.0
         if self._memory.link_ok:
             return PERIOD_S
         return min(_SLOWEST_RETRY_S, PERIOD_S * 2.0 ** min(self._failures, 8))
@@ -110,6 +114,8 @@ class PlcLink:
             self._running = self._cell_stop.child()
             self._channels.inbox.put(Ticket(order=step.order, stop=self._running))
             log.info("order_accepted", request_id=step.order.request_id, command=step.order.command.name)
+        # the parts of a result keep their distance: a PLC may take its time to copy what it was sent
+        self._owing = inputs is not None and (step.order is not None or PlcEvent.BAD_ORDER in step.events)
         self._memory, self._outputs = step.memory, step.outputs
         self._note_acknowledge()
 

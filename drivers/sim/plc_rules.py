@@ -6,6 +6,8 @@ makes, in order; it answers with sentences about broken rules. Pure: the caller 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from drivers.plc_map import MAP_VERSION
 from drivers.types import PlcOutputs
 
@@ -35,6 +37,10 @@ class ContractCheck:
         self._ordered, self._accepted_by = sequence, None
         self._known.add(sequence)
         self._closed.discard(sequence)
+
+    def remembered(self, sequences: Iterable[int]) -> None:
+        """A program before this one has written these: a cell may come back to them."""
+        self._known.update(sequences)
 
     def acknowledged(self, sequence: int) -> None:
         """The program has written this result acknowledgement."""

@@ -38,7 +38,7 @@ from tests.system.processes import (
 SPEED = "60"
 STICKS = 5
 MOST_STUCK, FULL_TRAY = 2, 16
-"""Orders in a row for which no part had room for the jaws; then somebody throws in more, up to so many."""
+"""Orders in a row for which nothing could be picked; then somebody throws in more, up to so many."""
 RECOVER_S = 40.0
 ORDER_S = 40.0
 FORGOTTEN_S = 6.0
@@ -213,7 +213,10 @@ class Night:
             self.plc.program.rules.ordered(order.seq)  # its result is to be published anew
         self.plc.change(cmd_code=int(PlcCommand.HOME))
         self.plc.change(cmd_seq=order.seq)
-        time.sleep(0.4)
+        if order.codes:
+            self.plc.wait(lambda s: s.result_valid and s.result_seq == order.seq, "its result again")
+        else:
+            time.sleep(0.4)
         now = self.cell.count("motions")
         if now != motions and not order.refused:
             self.observer.strange.append(f"{order.seq} shown again moved the arm")
@@ -229,7 +232,8 @@ class Night:
         order.boxed = after.whole("in_box") - order.boxed_before
         if order.refused and order.motions:
             self.observer.strange.append(f"{order.seq} was refused, and the arm moved")
-        self.stuck = self.stuck + 1 if ResultCode.COLLISION in order.codes else 0
+        nothing = order.codes & {int(ResultCode.COLLISION), int(ResultCode.NO_PART_FOUND)}
+        self.stuck = self.stuck + 1 if nothing else 0
         for code in order.codes or {order.refused}:
             name = "FORGOTTEN" if code < 0 else ResultCode(code).name
             self.results[name if order.codes else f"refused {name}"] += 1
@@ -240,6 +244,9 @@ class Night:
         with self.plc.program.lock:
             self.plc.program.rules.acknowledged(seq)
         self.plc.change(result_ack_seq=seq)
+        # a PLC that has just restarted knows nothing until the cell has written to it
+        while not self.plc.program.writes and time.monotonic() < ends_at:
+            time.sleep(POLL_S)
         while self.plc.status.result_valid and time.monotonic() < ends_at:
             time.sleep(POLL_S)
         with self.plc.program.lock:
@@ -292,6 +299,7 @@ class Night:
         self.plc = self._new_plc()
         self.plc.sequence = self.last_seq
         with self.plc.program.lock:
+            self.plc.program.rules.remembered(self.observer.orders)
             self.plc.program.rules.ordered(self.last_seq)  # it may come back to a result of this one
 
     def pull_cable(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -357,6 +358,31 @@ def test_a_plc_that_comes_back_is_asked_at_full_rate_again(side: Side) -> None:
     side.clock.at(back_at + 3.0, lambda: side.stop.stop(SERVICE_ENDS))
     side.link.run()
     assert side.clock.waits[-5:] == pytest.approx([PERIOD_S] * 5)
+
+
+def test_the_answer_to_an_order_goes_out_at_once_and_everything_else_in_its_period(side: Side) -> None:
+    side.up()
+    side.wants(7)
+    clock, told = side.clock, []
+    exchange = side.plc.exchange
+
+    def noted(outputs: PlcOutputs) -> PlcInputs:
+        told.append((clock.now(), outputs))
+        return exchange(outputs)
+
+    side.plc.exchange = noted  # type: ignore[method-assign]
+    clock.at(clock.now() + 0.52, lambda: side.results.put(done(7)))
+    ends_at = clock.now() + 1.0
+    clock.at(ends_at, lambda: side.stop.stop(SERVICE_ENDS))
+
+    side.link.run()
+
+    later = list(pairwise(one for one in told if one[0] < ends_at))
+    gaps = [at - before for (before, _), (at, _) in later]
+    quick = [out for gap, (_, (_, out)) in zip(gaps, later, strict=True) if gap == 0.0]
+    assert [(s.accepted_seq, s.ack_code, s.busy, s.result_code) for s in quick] == [(7, 0, True, 0)]
+    assert [gap for gap in gaps if gap > 0.0] == pytest.approx([PERIOD_S] * (len(gaps) - 1))
+    assert later[-1][1][1].result_valid
 
 
 # ------------------------------------------------------------------------------ the end

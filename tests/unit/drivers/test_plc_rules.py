@@ -86,6 +86,14 @@ def test_a_second_result_of_a_closed_order_is_one_too_many() -> None:
     assert plc.write(FINISHED) == ["a second result of 5"]
 
 
+def test_a_cell_may_come_back_to_what_the_plc_remembers_of_before_its_restart() -> None:
+    plc = Plc()
+    plc.check.remembered([3, 4])
+    plc.write(TAKEN)
+    assert plc.write(replace(IDLE, boot_id=10, accepted_seq=4)) == []
+    assert plc.write(replace(IDLE, boot_id=10, accepted_seq=2)) == ["answered 2, which was never ordered"]
+
+
 def test_a_restarted_cell_may_show_a_result_once_more_that_was_taken_meanwhile() -> None:
     plc = Plc()
     for status in (TAKEN, FINISHED):
