@@ -20,10 +20,12 @@ from vision.jit import compiled
 from vision.types import Bools, Floats, Ints
 
 BRUSH_DIAMETERS, END_DIAMETERS = 0.2, 0.3
-"""How much wider and longer than measured a footprint is taken to be, on each side: parts that may touch."""
-BESIDE_DIAMETERS, BESIDE_APART = 0.4, 0.9
+"""How much wider and longer than measured a footprint is taken to be, on each side, because parts may touch;
+half as much where a part is refused for it."""
+BESIDE_DIAMETERS, BESIDE_APART = 0.4, (0.9, 1.1)
 """Parts whose axes do not cross lie beside each other unless one is this much higher; nearer to each other
-than this many diameters, unless it is half as much higher as two round ones must be there."""
+than the first, in diameters, unless it is half as much higher as two round ones must be there; farther than
+the second in any case."""
 FLANK_WEIGHT = 3.0
 """How much the share of flanks that go on through a crossing weighs beside depth, in standard deviations."""
 LEAST_SIGMA_D = 0.15
@@ -175,8 +177,9 @@ def _cross(
             z = higher / sigma + FLANK_WEIGHT * flanks
             place[i, k], place[k, i] = s, t
             gap[i, k], gap[k, i] = higher, -higher
-            middle[i, k] = meet(ends[i], ends[k], MIDDLE[0], MIDDLE[1], longer_m, pad_m)
-            middle[k, i] = meet(ends[k], ends[i], MIDDLE[0], MIDDLE[1], longer_m, pad_m)
+            less_m = 0.5 * (1.0 + BRUSH_DIAMETERS) * diameter_m
+            middle[i, k] = meet(ends[i], ends[k], MIDDLE[0], MIDDLE[1], 0.5 * longer_m, less_m)
+            middle[k, i] = meet(ends[k], ends[i], MIDDLE[0], MIDDLE[1], 0.5 * longer_m, less_m)
             upper, lower = (i, k) if z > 0 else (k, i)
             above[upper, lower] = min(1.0, max(0.1, abs(higher) / diameter_m))
             sure[upper, lower] = abs(z)
@@ -184,11 +187,14 @@ def _cross(
 
 @compiled
 def _least(own: Floats, other: Floats, s: float, t: float, diameter_m: float) -> float:
-    """How much higher one of two parts is at least, m, if it lies on the other with its side."""
+    """How much higher one of two parts is at least, m, if it lies on the other with its side or its end."""
     x = (1 - s) * own[0, 0] + s * own[1, 0] - (1 - t) * other[0, 0] - t * other[1, 0]
     y = (1 - s) * own[0, 1] + s * own[1, 1] - (1 - t) * other[0, 1] - t * other[1, 1]
     apart = np.hypot(x, y) / diameter_m
-    if apart > BESIDE_APART:
+    near, far = BESIDE_APART
+    if apart > far:
+        return np.inf
+    if apart > near:
         return BESIDE_DIAMETERS * diameter_m
     return float(0.5 * np.sqrt(1.0 - apart * apart) * diameter_m)
 
