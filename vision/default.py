@@ -21,6 +21,7 @@ from vision.empty import put_there, side_of
 from vision.explain import Frame, explain
 from vision.foreground import Foreground, stands_out
 from vision.glance import at_first_sight
+from vision.jit import steady
 from vision.offer import Offered, candidates, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
@@ -126,8 +127,7 @@ def locate_default(
     tell = observe or _nobody
     frame = frame_of(stereo_model, replace(part, length_m=weighing_length_m(parts)), tuning, table)
     sizes = sizes_of(parts, frame)
-    # views closed for writing, whatever came: compiled code is made anew for each kind of array
-    greys = (read_only(np.ascontiguousarray(left_grey)[:]), read_only(np.ascontiguousarray(right_grey)[:]))
+    greys = (steady(left_grey), steady(right_grey))
     pictures = _look(greys, frame, tuning, 0.0, tell)
 
     pool = _propose(pictures, frame, sizes, tell)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.canvas import GRID_PX, Canvas
-from vision.jit import compiled
+from vision.jit import compiled, steady
 from vision.types import Floats, Grey, Mask, read_only
 
 Reals = npt.NDArray[np.float32]
@@ -75,7 +75,7 @@ def edges(
     border = NEAR_MASK_PX + 4
     top, bottom = max(0, int(rows[0]) - border), min(grey.shape[0], int(rows[-1]) + border + 1)
     first, last = max(0, int(columns[0]) - border), min(grey.shape[1], int(columns[-1]) + border + 1)
-    window = np.ascontiguousarray(grey[top:bottom, first:last])
+    window = steady(grey[top:bottom, first:last])
     inside = np.ascontiguousarray(mask[top:bottom, first:last]).view(np.uint8)
     side_px = 2 * NEAR_MASK_PX + 1
     near = np.asarray(cv2.dilate(inside, np.ones((side_px, side_px), np.uint8)), np.uint8)
@@ -84,7 +84,7 @@ def edges(
         window, near, _KERNEL, least, max(1.0, FULL_SHARE * contrast_grey),
         on.from_raw[side], float(first), float(top), row_shift_px, at,
     )  # fmt: skip
-    around = np.ascontiguousarray(ground[top:bottom, first:last]).view(np.uint8)
+    around = steady(ground[top:bottom, first:last]).view(np.uint8)
     _draw_ground(around, on.from_raw[side], first, top, row_shift_px, drawn)
     # distortion may tear the mask by one pixel
     whole = np.asarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)), np.uint8)

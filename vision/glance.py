@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision import claims
+from vision.crossings import BRUSH_DIAMETERS, END_DIAMETERS, laid, meet, nearest
 from vision.edges import Edges, Reals
 from vision.explain import LONGEST_LENGTHS, TILT_SHARE, Explanation, Frame, settle, sound, state_of
 from vision.jit import compiled
@@ -30,6 +31,10 @@ parts with nothing on them is 0.5 widths, that of others 1.7 (82 heaps of 20 and
 OVER_SHARE, OVER_DIAMETERS, ALONG = 0.6, 0.3, 0.05
 """Evidence of a hypothesis that crosses above, as a share of the part's own; how much higher it lies; sine of
 the angle below which two lie along each other."""
+BRUSH_SHARE, NEAR_END, BETTER = 0.25, 0.06, 1.2
+"""Of one that meets this near to an end of either, share of its length, less evidence is enough: it hides
+hardly anything of the part, which seems whole all the same. But not if another one has its place in one of
+the pictures with so many times its evidence: then it is a false pair."""
 
 
 def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation | None:
@@ -48,9 +53,13 @@ def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Exp
     whole = _whole(seen.count, seen.value, seen.ground, seen.tip_value, frame.width_px)
     whole &= gain > WHOLE_LENGTHS * 2 * frame.length_px
     nobody = np.zeros(len(hypotheses), np.bool_)
+    ends, lying = laid(hypotheses, frame), laid(pool, frame)
+    diameter_m = frame.part.diameter_m
     chosen: list[int] = []
     for k in np.argsort(-gain, kind="stable").tolist():
-        if not whole[k] or _under(hypotheses[k], pool, frame.diameter_d):
+        if not whole[k] or _under(
+            hypotheses[k], ends[k], pool, lying, diameter_m, frame.width_px, frame.length_px
+        ):
             continue
         if claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
             claims.take(now, k, nobody)
@@ -105,24 +114,48 @@ def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, len
 
 
 @compiled
-def _under(part: Floats, pool: Floats, diameter_d: float) -> bool:
-    """Whether a hypothesis of like evidence crosses above a part, by the left picture."""
-    dx, dy = part[4] - part[1], part[5] - part[2]
+def _under(
+    part: Floats,
+    ends: Floats,
+    pool: Floats,
+    lying: Floats,
+    diameter_m: float,
+    width_px: float,
+    length_px: float,
+) -> bool:
+    """Whether a hypothesis of the pool passes over a part; ``ends`` (2, 3), ``lying`` (N, 2, 3) are its own
+    and the pool's ends as `laid` has them."""
+    pad_m, longer_m = (0.5 + BRUSH_DIAMETERS) * diameter_m, END_DIAMETERS * diameter_m
+    dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
     size = np.hypot(dx, dy)
     for k in range(len(pool)):
-        if pool[k, SCORE] < OVER_SHARE * part[SCORE]:
+        if pool[k, SCORE] < BRUSH_SHARE * part[SCORE]:
             continue
-        ex, ey = pool[k, 4] - pool[k, 1], pool[k, 5] - pool[k, 2]
-        turn = dx * ey - dy * ex
-        if abs(turn) < ALONG * size * np.hypot(ex, ey):
+        other = lying[k]
+        ex, ey = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
+        if abs(dx * ey - dy * ex) < ALONG * size * np.hypot(ex, ey):
             continue
-        rx, ry = pool[k, 1] - part[1], pool[k, 2] - part[2]
-        here, there = (rx * ey - ry * ex) / turn, (rx * dy - ry * dx) / turn
-        if min(here, there) < 0.0 or max(here, there) > 1.0:
+        if not meet(ends, other, 0.0, 1.0, longer_m, pad_m):
             continue
-        above = pool[k, 3] + there * (pool[k, 6] - pool[k, 3]) - part[3] - here * (part[6] - part[3])
-        if above > OVER_DIAMETERS * diameter_d:
+        s, t = nearest(ends, other)
+        above = (1 - t) * other[0, 2] + t * other[1, 2] - (1 - s) * ends[0, 2] - s * ends[1, 2]
+        if above < OVER_DIAMETERS * diameter_m:
+            continue
+        if pool[k, SCORE] > OVER_SHARE * part[SCORE]:
             return True
+        if min(s, 1 - s, t, 1 - t) < NEAR_END and not _false(pool, k, width_px, length_px):
+            return True
+    return False
+
+
+@compiled
+def _false(pool: Floats, k: int, width_px: float, length_px: float) -> bool:
+    """Whether a hypothesis with much more evidence has the place of k in one of the pictures."""
+    for other in range(len(pool)):
+        if pool[other, SCORE] > BETTER * pool[k, SCORE]:
+            for view in range(2):
+                if _in_place_of(pool, k, other, view, width_px, length_px):
+                    return True
     return False
 
 

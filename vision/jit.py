@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+import numpy as np
+import numpy.typing as npt
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,3 +28,14 @@ def compiled_sums(function: Callable[P, R]) -> Callable[P, R]:
         "Callable[P, R]",
         numba.njit(nogil=True, cache=True, fastmath={"reassoc", "nsz", "contract"})(function),
     )
+
+
+def steady(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A contiguous view or copy, closed for writing, whatever came.
+
+    To compiled code a writable array is another type than a closed one, and a type it has not met costs
+    seconds of compiling: where a slice may be a view one day and a copy the next, this makes them alike.
+    """
+    view = np.ascontiguousarray(array)[...]
+    view.setflags(write=False)
+    return view

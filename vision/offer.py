@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from vision.canvas import in_space
 from vision.colour import Colour, among_colours, colour_of
-from vision.crossings import MIDDLE, Crossed, ranked
+from vision.crossings import Crossed, ranked
 from vision.edges import Reals
 from vision.explain import Explanation, Frame
 from vision.jit import compiled
@@ -42,6 +42,7 @@ WORTH_OF_SCORE = (0.15, 1.0)
 """Evidence, in lengths and view, at a score of 0.3 (the least that is taken) and of 1."""
 DOUBT_DIAMETERS = 0.3
 """Of two parts with nothing on them the better known goes first; a centre known only to this counts half."""
+VAGUE_WEIGHT = 1.0
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
 MOST_ROW_OFFSET_PX = 3.0
@@ -112,7 +113,8 @@ def candidates(
     count = len(measured.parts)
     is_product = [row in known and known[row].recognised for row in range(count)]
     doubt = seen.sigma_m / (DOUBT_DIAMETERS * frame.part.diameter_m)
-    order = ranked(over, found.margin / (1.0 + doubt**2), is_product)
+    unsure = VAGUE_WEIGHT * (seen.sigma_m / (VAGUE_DIAMETERS * frame.part.diameter_m)) ** 2
+    order = ranked(over, found.margin / (1.0 + doubt**2), is_product, unsure)
     order = sorted(order, key=lambda row: not known[row].offered)
     rest = sorted((row for row in known if not is_product[row]), key=lambda row: -known[row].score)
     rows = [*order, *rest]
@@ -142,7 +144,6 @@ def _seen(
     both, outside = _coverage(rows, found.seen.count, found.seen.value, found.seen.ground)
     height = ends[..., 2] if floor is None else ends @ floor.normal + floor.offset_m
     up = np.array([0.0, 0.0, -1.0]) if table is None else table.normal
-    inside = (over.place > MIDDLE[0]) & (over.place < MIDDLE[1])
     return _Seen(
         ends_m=ends,
         centre_m=read_only(ends.mean(axis=1)),
@@ -152,7 +153,7 @@ def _seen(
         sigma_rad=sigma_rad,
         both=both,
         outside=outside,
-        over_middle=(inside & (over.above.T > 0)).sum(axis=1),
+        over_middle=(over.middle & (over.above.T > 0)).sum(axis=1),
         lowest_m=height.min(axis=1),
         highest_m=height.max(axis=1),
         tilt_rad=np.arcsin(np.minimum(1.0, np.abs(way @ up) / length)),
@@ -307,8 +308,7 @@ def _crossings(
     ends = measured.parts[upper, 1:7].reshape(-1, 2, 3)
     at = ends[:, 0] + over.place[upper, lower][:, None] * (ends[:, 1] - ends[:, 0])
     points = read_only(in_space(at, frame.on))
-    depth_per_px = frame.on.focal_px * frame.on.baseline_m / at[:, 2] ** 2
-    gap = over.gap[upper, lower] * depth_per_px - frame.part.diameter_m
+    gap = over.gap[upper, lower] - frame.part.diameter_m
     rows = zip(
         where[upper].tolist(), where[lower].tolist(), points, gap.tolist(),
         over.sure[upper, lower].tolist(), strict=True,

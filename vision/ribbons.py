@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, steady
 from vision.sampling import Picture, sample
 from vision.types import Floats, Ints, Mask, read_only
 
@@ -72,7 +72,7 @@ def ribbons(grey: Picture, mask: Mask, width_px: float, slope_floor: float, leas
         np.ascontiguousarray(rise_u, np.float32),
         np.ascontiguousarray(rise_v, np.float32),
         near,
-        np.ascontiguousarray(mask),
+        steady(mask),
         float(width_px),
         float(slope_floor),
     )

@@ -163,6 +163,8 @@ def warm_up() -> None:
     for grey, first in ((left, 60), (right, 22)):
         grey[30:36, first : first + 70] = 220
         grey[30:76, first : first + 6] = 220
+        grey[108:114, first : first + 70] = 220
+        grey[68:114, first + 64 : first + 70] = 220
     locate_shapes(left, right, pair, WARM_UP_PART, Tuning(depth_m=(0.3, 0.4)))
 
 

@@ -36,20 +36,19 @@ def test_the_nearer_one_is_above_and_its_gap_is_a_diameter() -> None:
     assert found.above[1, 0] == pytest.approx(1.0, abs=0.05)
     assert found.above[0, 1] == 0.0
     assert found.sure[1, 0] > 3.0
-    assert found.gap[1, 0] == pytest.approx(FRAME.diameter_d, rel=0.05)
+    assert found.gap[1, 0] == pytest.approx(0.004, rel=0.05)
     assert found.gap[0, 1] == -found.gap[1, 0]
 
 
-def test_where_they_cross_is_told_on_both() -> None:
+def test_where_they_cross_on_the_table_is_told_on_both() -> None:
     found = relation([LOWER, UPPER], 0.1)
 
-    for own, other, place in ((LOWER, UPPER, found.place[0, 1]), (UPPER, LOWER, found.place[1, 0])):
-        point = own.start + place * (own.end - own.start)
-        way = (other.end - other.start) / 0.1
-        ray = point / np.linalg.norm(point)
-        apart = other.start - point
-        normal = np.cross(ray, way)
-        assert abs(apart @ normal) / np.linalg.norm(normal) < 0.0003
+    # seen straight down, not from the camera: both are that place's distance from the middle of the picture
+    here, there = (
+        stick.start + place * (stick.end - stick.start)
+        for stick, place in ((LOWER, found.place[0, 1]), (UPPER, found.place[1, 0]))
+    )
+    assert np.linalg.norm(here[:2] - there[:2]) < 0.0003
 
 
 @pytest.mark.parametrize("order", [0, 1])
@@ -75,8 +74,48 @@ def test_parts_that_do_not_meet_have_no_crossing() -> None:
     assert np.isnan(found.place).all()
 
 
-def weighing(above: Floats) -> Crossed:
-    return Crossed(above=above, sure=np.full(above.shape, 3.0), place=above, gap=above)
+@pytest.mark.parametrize(("off_m", "higher_m"), [(0.0, 0.004), (0.002, 0.0035), (0.0035, 0.002)])
+def test_a_part_that_brushes_another_with_its_end_lies_on_it(off_m: float, higher_m: float) -> None:
+    # across the end of the lower one, its axis ends before or beside that of the lower one
+    low = lying(0.0, 0.0, 0, height_m=0.002)
+    high = lying(0.03, 0.05 + off_m, 90, height_m=0.002 + higher_m)
+
+    found = relation([low, high], 0.1)
+
+    assert found.above[1, 0] > 0
+    assert found.place[0, 1] == pytest.approx(0.8, abs=0.02)
+    assert not found.middle[0, 1]
+    assert not found.beside.any()
+
+
+def test_a_part_that_reaches_over_the_middle_third_beside_its_axis_lies_over_it() -> None:
+    low = lying(0.0, 0.0, 0, height_m=0.002)
+    steep = lying(0.018, 0.0, 80, height_m=0.006)  # its axis crosses just outside, its flank inside
+
+    found = relation([low, steep], 0.1)
+
+    assert found.place[0, 1] > 2 / 3
+    assert found.middle[0, 1]
+
+
+@pytest.mark.parametrize("apart_m", [0.0038, 0.0042, 0.0048])
+def test_two_that_lie_side_by_side_do_not_lie_on_each_other(apart_m: float) -> None:
+    found = relation([lying(0.0, 0.0, 0), lying(0.01, apart_m, 0)], 0.1)
+
+    assert not found.above.any()
+    assert np.isnan(found.place).all()
+    assert found.beside[0, 1]
+    assert found.beside[1, 0]
+
+
+def weighing(above: Floats, sure: Floats | float = 3.0) -> Crossed:
+    none = np.zeros(above.shape, np.bool_)
+    sure = np.broadcast_to(sure, above.shape)
+    return Crossed(above=above, sure=sure, place=above, gap=above, middle=none, beside=none)
+
+
+def order_of(found: Crossed, worth: list[float], offered: list[bool] | None = None) -> list[int]:
+    return ranked(found, np.array(worth), offered or [True] * len(worth), np.zeros(len(worth)))
 
 
 def test_first_comes_what_nothing_lies_on_then_what_it_lay_on() -> None:
@@ -84,14 +123,14 @@ def test_first_comes_what_nothing_lies_on_then_what_it_lay_on() -> None:
     above = np.zeros((4, 4))
     above[2, 1] = above[1, 0] = 1.0
 
-    assert ranked(weighing(above), np.array([9.0, 9.0, 9.0, 1.0]), [True] * 4) == [2, 1, 0, 3]
+    assert order_of(weighing(above), [9.0, 9.0, 9.0, 1.0]) == [2, 1, 0, 3]
 
 
 def test_what_is_not_to_be_taken_stays_and_weighs() -> None:
     above = np.zeros((3, 3))
     above[0, 1] = 1.0
 
-    assert ranked(weighing(above), np.array([1.0, 9.0, 2.0]), [False, True, True]) == [2, 1]
+    assert order_of(weighing(above), [1.0, 9.0, 2.0], [False, True, True]) == [2, 1]
 
 
 def test_an_unsure_order_weighs_less_than_a_sure_one() -> None:
@@ -100,19 +139,17 @@ def test_an_unsure_order_weighs_less_than_a_sure_one() -> None:
     sure = np.full((4, 4), 3.0)
     sure[0, 1] = 0.4
 
-    order = ranked(
-        Crossed(above=above, sure=sure, place=above, gap=above), np.ones(4), [False, True, True, True]
-    )
-
-    assert order == [3, 1, 2]
+    assert order_of(weighing(above, sure), [1.0] * 4, [False, True, True, True]) == [3, 1, 2]
 
 
 def test_of_a_ring_one_is_first() -> None:
     above = np.zeros((3, 3))
     above[0, 1] = above[1, 2] = 1.0
-    above[2, 0] = 0.4
+    above[2, 0] = 1.0
+    sure = np.full((3, 3), 3.0)
+    sure[2, 0] = 0.4
 
-    assert ranked(weighing(above), np.ones(3), [True] * 3) == [0, 1, 2]
+    assert order_of(weighing(above, sure), [1.0] * 3) == [0, 1, 2]
 
 
 def test_who_hardly_seems_to_lie_above_waits_for_who_crosses_nothing() -> None:
@@ -122,8 +159,20 @@ def test_who_hardly_seems_to_lie_above_waits_for_who_crosses_nothing() -> None:
 
     def order(known: float) -> list[int]:
         sure[0, 1] = known
-        found = Crossed(above=above, sure=sure, place=np.full((3, 3), np.nan), gap=np.zeros((3, 3)))
-        return ranked(found, np.array([9.0, 1.0, 5.0]), [True] * 3)
+        return order_of(weighing(above, sure), [9.0, 1.0, 5.0])
 
     assert order(4.0) == [0, 2, 1]
     assert order(0.5)[0] == 2
+
+
+def test_who_may_touch_another_waits_for_who_does_not() -> None:
+    found = weighing(np.zeros((3, 3)))
+    found.beside[0, 1] = found.beside[1, 0] = True
+
+    assert order_of(found, [9.0, 8.0, 1.0]) == [2, 0, 1]
+
+
+def test_who_is_hardly_known_is_not_the_first() -> None:
+    found = weighing(np.zeros((3, 3)))
+
+    assert ranked(found, np.array([9.0, 1.0, 5.0]), [True] * 3, np.array([0.4, 0.0, 0.01])) == [2, 0, 1]

@@ -233,7 +233,7 @@ def test_warming_up_runs_every_stage_on_a_part_that_is_found(monkeypatch: pytest
     shapes.warm_up()
 
     assert len(found) == 1
-    assert len(found[0].offered) == 1
+    assert len(found[0].offered) == 2
 
 
 @pytest.mark.shared_data
