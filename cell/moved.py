@@ -1,8 +1,8 @@
 """Whether the two cameras still stand as they were calibrated, at each look.
 
 The detector tells it by the ends of the parts it finds, at no cost. Where it finds too few of them, or the
-cameras are so far off that it finds none in both pictures, the pictures themselves are asked: at the first
-such look, and then at every fifth.
+cameras are so far off that it finds none in both pictures, the pictures themselves are asked: whenever there
+is something to pick all the same, else at the first such look, and then at every fifth.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vision.types import Grey, Plane, Scene
 
 _SIGMAS: Final = 3.0
 SILENT_LOOKS: Final = 5
-"""While the detector has no say, the pictures are asked once in so many looks."""
+"""While the detector has no say and nothing to offer, the pictures are asked once in so many looks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,7 +67,8 @@ class MovedCheck:
             self._silent = 0
             refuse_moved_by_parts(scene, cameras)
             return
-        asked, self._silent = self._silent % SILENT_LOOKS == 0, self._silent + 1
+        asked = bool(scene.offered) or self._silent % SILENT_LOOKS == 0
+        self._silent += 1
         if asked:
             refuse_moved(standing().row_residual(*pictures), cameras)
 

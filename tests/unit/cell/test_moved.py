@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -82,6 +83,20 @@ def test_while_the_detector_is_silent_the_pictures_are_asked_now_and_then() -> N
     check.check(found, pictures(), CAMERAS, never)
     check.check(scene(), pictures(), CAMERAS, partial(told, -1))
     assert asked[-1] == -1, "the first silent look after one in which the detector had its say"
+
+
+def test_where_something_would_be_picked_the_pictures_are_asked_every_time() -> None:
+    check, asked = MovedCheck(), []
+
+    def told() -> Standing:
+        asked.append(True)
+        return standing()
+
+    found = replace(seen(*pictures()), rows_seen_px=float("nan"))
+    assert found.offered
+    for _ in range(3):
+        check.check(found, pictures(), CAMERAS, told)
+    assert len(asked) == 3
 
 
 def knocked(rows: int) -> Bench:
