@@ -188,9 +188,9 @@ def _along(axes: Axes, part: PartConfig, config: CellConfig) -> None:
         )
         if side == 1:
             axes.plot([at], [tool], "r+", markersize=10)
-            for words, x, low_to_high in (
-                ("approach", at, (tool + approach, tool)),
-                ("retreat", at + wide / 2 + 6, (tool, tool + retreat)),
+            for words, x, low_to_high, side_of in (
+                ("approach ", at, (tool + approach, tool), "right"),
+                (" retreat", at + wide / 2 + 6, (tool, tool + retreat), "left"),
             ):
                 axes.annotate(
                     "",
@@ -198,7 +198,7 @@ def _along(axes: Axes, part: PartConfig, config: CellConfig) -> None:
                     (x, low_to_high[0]),
                     arrowprops={"arrowstyle": "->", "color": "tab:red"},
                 )
-                axes.text(x, max(low_to_high) + 2, words, ha="center", fontsize=8)
+                axes.text(x, max(low_to_high) - 4, words, ha=side_of, fontsize=8)
     _frame(axes, long / 2 + 15, tool + max(approach, retreat) + 12)
     axes.set_title("along the part (green: where the jaws may go)", fontsize=9)
 
