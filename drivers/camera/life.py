@@ -237,7 +237,10 @@ class OwnedCamera:
             self._news.set()
         if state is not before and state in (CameraState.READY, CameraState.SUSPECT, CameraState.LOST):
             told = {"reason": reason} if reason else {}
-            log.info("camera_state_changed", camera=self.name, state=state.value, **told)
+            # on a busy machine a frame is late now and then, for a moment: not worth reading each time
+            passing = CameraState.SUSPECT in (state, before) and state is not CameraState.LOST
+            tell = log.debug if passing else log.info
+            tell("camera_state_changed", camera=self.name, state=state.value, **told)
 
     def _own(self, ending: threading.Event) -> None:
         try:

@@ -54,6 +54,7 @@ class Order:
     fault: str
     motions_before: int
     refused: int = 0
+    fault_code: int = 0
     codes: set[int] = field(default_factory=set)
     motions: int = 0
     grasps_before: int = 0
@@ -192,7 +193,7 @@ class Night:
         while not order.codes:
             status = self.plc.status
             if status.accepted_seq == order.seq and status.ack_code:
-                order.refused = status.ack_code
+                order.refused, order.fault_code = status.ack_code, status.fault_code
                 return
             forgotten = self.plc.program.command.cmd_seq != order.seq and status.accepted_seq != order.seq
             if forgotten and status.plc_link_ok and time.monotonic() > ends_at - ORDER_S + FORGOTTEN_S:

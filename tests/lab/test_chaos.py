@@ -11,7 +11,6 @@ import random
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -104,10 +103,10 @@ def judge(bad: Night, seed: int) -> None:
         assert order.grasps <= 1, f"{where}: carried out twice: {order}"
         assert order.boxed <= 1 + order.held_before, f"{where}: carried out twice: {order}"
         assert order.motions <= MOST_MOTIONS, f"{where}: {order}"
-    # what a fault of the order before left behind may be noticed between `ready` and the next order
-    orders = list(bad.observer.orders.values())
-    surprised = [(o, last) for last, o in pairwise(orders) if o.refused and not o.fault]
-    assert all(last.fault and o.refused == ResultCode.ROBOT_NOT_READY for o, last in surprised), (
+    # between `ready` and the order the cell may come to stand, by what the order before left behind, or
+    # because on a busy machine the simulated arm or a camera is late; then it shows a fault
+    surprised = [order for order in bad.observer.orders.values() if order.refused and not order.fault]
+    assert all(o.refused == ResultCode.ROBOT_NOT_READY and o.fault_code for o in surprised), (
         f"{where}: {surprised}"
     )
     b = bad.balance
