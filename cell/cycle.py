@@ -112,11 +112,12 @@ def run_cycle(station: Station, order: PickOrder, stop: StopToken, times: Times)
         with times.stage(station, Stage.FIND):
             first = finding.first(stop)
         early = _early_pick(station, sight, first, times)
-        code = None if early is None else _fetch_early(station, sight, early, first, finding, stop, times)
+        fetched = None if early is None else _fetch_early(station, sight, early, first, finding, stop, times)
         seen = _whole_look(station, sight, finding, stop, times)
     station.looked(seen)
-    if early is not None and code is not None:
-        return _fetched(station, order, seen, early, _refused(seen), code, stop, times)
+    if fetched is not None:
+        pick, code = fetched
+        return _fetched(station, order, seen, pick, _refused(seen), code, stop, times)
     chosen, unreachable = _choose(station, seen.view, seen.plans)
     refused = [*_refused(seen), *unreachable]
     if chosen is None:
@@ -236,18 +237,27 @@ def _fetch_early(
     finding: Finding,
     stop: StopToken,
     times: Times,
-) -> ResultCode | None:
-    """Fetch what the first answer gave; None when the whole scene took it back before the hand went down."""
+) -> tuple[Pick, ResultCode] | None:
+    """Set out for what the first answer gave, and pick it as the whole scene has it, which alone knows where
+    the jaws have room. None when that took it back before the hand went down."""
+    order = sight.order
     with times.stage(station, Stage.FETCH):
-        _reach(station, early, sight.order, stop)
-        if finding.ended:
-            whole = finding.whole(stop)
-            plans = _plans(station, sight, whole)
-            if not confirmed(early.candidate, first, whole, plans, sight.part.diameter_m):
-                log.warning("early_pick_withdrawn", request_id=sight.order.request_id)
-                station.robot.move_line(early.retreat, station.travel(sight.order.speed_fraction), stop)
-                return None
-        return _grip(station, early, sight.order, stop)
+        _reach(station, early, order, stop)
+    if not finding.ended:
+        with times.stage(station, Stage.FIND):
+            finding.whole(stop)
+    with times.stage(station, Stage.FETCH):
+        whole = finding.whole(stop)
+        again = confirmed(early.candidate, first, whole, _plans(station, sight, whole), sight.part.diameter_m)
+        pick = None if again is None else _choose(station, sight.view, (again,))[0]
+        travel = station.travel(order.speed_fraction)
+        if pick is None:
+            log.warning("early_pick_withdrawn", request_id=order.request_id)
+            station.robot.move_line(early.retreat, travel, stop)
+            return None
+        if pick.approach != early.approach:
+            station.robot.move_line(pick.approach, travel, stop)
+        return pick, _grip(station, pick, order, stop)
 
 
 def _whole_look(station: Station, sight: Sight, finding: Finding, stop: StopToken, times: Times) -> Look:

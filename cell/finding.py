@@ -136,21 +136,27 @@ class Finding:
 
 def confirmed(
     early: Candidate, first: Scene, whole: Scene, plans: tuple[Plan, ...], diameter_m: float
-) -> bool:
-    """Whether the whole scene still says that a part of the first answer may be picked.
+) -> Plan | None:
+    """The whole scene's plan for a part of the first answer; None where it may not be picked after all.
 
-    It must be offered there too, the jaws must have room, and nothing may lie over it that the first answer
-    did not know of.
+    It must be offered there too, the jaws must have room and close on nothing else, and nothing may lie over
+    it that the first answer did not know of. Only the whole scene can tell where the jaws have room: the
+    first answer knows of few of the parts about it.
     """
     again = next(
         (
-            plan.candidate
+            plan
             for plan in plans
-            if plan.pick is not None and plan.candidate.offered and _same(plan.candidate, early, diameter_m)
+            if plan.pick is not None
+            and plan.pick.gap_free
+            and plan.candidate.offered
+            and _same(plan.candidate, early, diameter_m)
         ),
         None,
     )
-    return again is not None and _weighing(whole, again) <= _weighing(first, early)
+    if again is None or _weighing(whole, again.candidate) > _weighing(first, early):
+        return None
+    return again
 
 
 def _same(one: Candidate, other: Candidate, diameter_m: float) -> bool:
