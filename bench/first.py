@@ -11,9 +11,11 @@ from __future__ import annotations
 import argparse
 import os
 import statistics
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import cv2
 
@@ -25,6 +27,7 @@ from bench.tables import Sheet, show
 from vision.default import warm_up
 
 FAMILIES = ("H10", "H20", "H40")
+TOLD_EVERY = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +64,8 @@ def answered(family: str, rig: str, seed: int, number: int) -> Answered:
 def run(families: tuple[str, ...], rig: str, seed: int, heaps: int, workers: int) -> Iterator[Answered]:
     """Heaps of the families in turn, as they are done, in order."""
     told = [(families[n % len(families)], rig, seed, n // len(families)) for n in range(heaps)]
-    with ProcessPoolExecutor(workers, initializer=_begin) as pool:
+    # a fork would take over locks of threads that do not come along
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=_begin) as pool:
         yield from pool.map(answered, *zip(*told, strict=True), chunksize=4)
 
 
@@ -125,7 +129,14 @@ def main() -> None:
     asked = parser.parse_args()
     seed = own.fresh_seed() if asked.seed is None else asked.seed
     warm_up()  # compiled once, for all workers
-    every = list(run(tuple(asked.families), asked.rig, seed, asked.heaps, asked.workers))
+    every: list[Answered] = []
+    for one in run(tuple(asked.families), asked.rig, seed, asked.heaps, asked.workers):
+        every.append(one)
+        if len(every) % TOLD_EVERY == 0:
+            wrong = sum(one.first is False for one in every), sum(one.free is False for one in every)
+            print(
+                f"{len(every)} heaps: {wrong[0]} not right, {wrong[1]} with something on it", file=sys.stderr
+            )
     command = f"python -m bench.first --heaps {asked.heaps} --seed {seed} --rig {asked.rig}"
     show(sheet(every, command))
 
