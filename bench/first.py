@@ -27,7 +27,6 @@ from bench.tables import Sheet, show
 from vision.default import warm_up
 
 FAMILIES = ("H10", "H20", "H40")
-TOLD_EVERY = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +41,15 @@ class Answered:
     early: bool
     first_ms: float
     whole_ms: float
+    refused: str | None = None
+
+    @property
+    def wrong(self) -> str:
+        """What is wrong with its answer; empty where nothing is."""
+        if self.first is not False and self.free is not False:
+            return ""
+        what = "not right, or not to be picked" if self.first is False else "something lies on it"
+        return f"{self.family} number {self.number + 1}: {self.refused or what}"
 
 
 def answered(family: str, rig: str, seed: int, number: int) -> Answered:
@@ -58,6 +66,7 @@ def answered(family: str, rig: str, seed: int, number: int) -> Answered:
         early=seen.first_ms < seen.whole_ms,
         first_ms=seen.first_ms,
         whole_ms=seen.whole_ms,
+        refused=seen.refused,
     )
 
 
@@ -96,12 +105,6 @@ def sheet(every: list[Answered], command: str) -> Sheet:
                 f"{statistics.median(one.whole_ms for one in some):.0f}",
             )
         )
-    wrong = [
-        f"{one.family} number {one.number + 1}: "
-        + ("not right, or not to be picked" if one.first is False else "something lies on it")
-        for one in every
-        if one.first is False or one.free is False
-    ]
     return Sheet(
         title="First pick in fresh dense heaps",
         command=command,
@@ -115,7 +118,10 @@ def sheet(every: list[Answered], command: str) -> Sheet:
             "whole ms",
         ),
         rows=tuple(rows),
-        notes=(*wrong, f"processor time, medians; load {load()}; {code()}"),
+        notes=(
+            *(one.wrong for one in every if one.wrong),
+            f"processor time, medians; load {load()}; {code()}",
+        ),
     )
 
 
@@ -129,15 +135,13 @@ def main() -> None:
     asked = parser.parse_args()
     seed = own.fresh_seed() if asked.seed is None else asked.seed
     warm_up()  # compiled once, for all workers
+    command = f"python -m bench.first --heaps {asked.heaps} --seed {seed} --rig {asked.rig}"
+    print(command, file=sys.stderr)
     every: list[Answered] = []
     for one in run(tuple(asked.families), asked.rig, seed, asked.heaps, asked.workers):
         every.append(one)
-        if len(every) % TOLD_EVERY == 0:
-            wrong = sum(one.first is False for one in every), sum(one.free is False for one in every)
-            print(
-                f"{len(every)} heaps: {wrong[0]} not right, {wrong[1]} with something on it", file=sys.stderr
-            )
-    command = f"python -m bench.first --heaps {asked.heaps} --seed {seed} --rig {asked.rig}"
+        if one.wrong:
+            print(f"after {len(every)} heaps {one.wrong}", file=sys.stderr)
     show(sheet(every, command))
 
 
