@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -20,7 +19,7 @@ from multiprocessing import get_context
 import cv2
 
 from bench import own, piles, rigs
-from bench.looks import look
+from bench.looks import look, median_of
 from bench.machine import code, load
 from bench.rigs import RIGS
 from bench.tables import Sheet, show
@@ -32,7 +31,8 @@ FAMILIES = ("H10", "H20", "H40")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answered:
     """One heap: ``first`` the first pick is right and pickable, ``free`` it is right and nothing lies on it;
-    None where there was no such part to be had. ``early``: told before the rest was explained."""
+    None where there was no such part to be had, or the pictures were ``refused``. ``early``: told before the
+    rest was explained."""
 
     family: str
     number: int
@@ -49,7 +49,7 @@ class Answered:
         if self.first is not False and self.free is not False:
             return ""
         what = "not right, or not to be picked" if self.first is False else "something lies on it"
-        return f"{self.family} number {self.number + 1}: {self.refused or what}"
+        return f"{self.family} number {self.number + 1}: {what}"
 
 
 def answered(family: str, rig: str, seed: int, number: int) -> Answered:
@@ -61,8 +61,8 @@ def answered(family: str, rig: str, seed: int, number: int) -> Answered:
     return Answered(
         family=family,
         number=number,
-        first=seen.score.first,
-        free=seen.score.free,
+        first=seen.score.first if seen.refused is None else None,
+        free=seen.score.free if seen.refused is None else None,
         early=seen.first_ms < seen.whole_ms,
         first_ms=seen.first_ms,
         whole_ms=seen.whole_ms,
@@ -100,9 +100,10 @@ def sheet(every: list[Answered], command: str) -> Sheet:
                 str(len(some)),
                 percent(sum(firsts), len(firsts)),
                 percent(sum(frees), len(frees)),
+                str(sum(one.refused is not None for one in some)),
                 f"{100.0 * sum(one.early for one in some) / len(some):.0f}",
-                f"{statistics.median(one.first_ms for one in some):.0f}",
-                f"{statistics.median(one.whole_ms for one in some):.0f}",
+                f"{median_of([one.first_ms for one in some]):.0f}",
+                f"{median_of([one.whole_ms for one in some]):.0f}",
             )
         )
     return Sheet(
@@ -113,6 +114,7 @@ def sheet(every: list[Answered], command: str) -> Sheet:
             "n",
             "right, pickable %",
             "right, nothing on it %",
+            "refused",
             "told early %",
             "first ms",
             "whole ms",
@@ -140,8 +142,9 @@ def main() -> None:
     every: list[Answered] = []
     for one in run(tuple(asked.families), asked.rig, seed, asked.heaps, asked.workers):
         every.append(one)
-        if one.wrong:
-            print(f"after {len(every)} heaps {one.wrong}", file=sys.stderr)
+        what = one.wrong or (one.refused and f"{one.family} number {one.number + 1}: refused, {one.refused}")
+        if what:
+            print(f"after {len(every)} heaps {what}", file=sys.stderr)
     show(sheet(every, command))
 
 

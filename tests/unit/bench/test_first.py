@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bench.first import Answered, answered, sheet
 
 
@@ -21,15 +23,15 @@ def test_wrong_ones_are_counted_and_named_and_heaps_without_a_part_do_not_count(
     made = sheet(
         [
             one("H10", 0, True, True, 3.0),
-            one("H10", 1, None, None),
+            replace(one("H10", 1, None, None), refused="left picture black"),
             one("H20", 0, False, False),
             one("H20", 1, True, False),
         ],
         "command",
     )
 
-    assert made.rows[0][:5] == ("H10", "2", "100.00 (0 of 1)", "100.00 (0 of 1)", "50")
-    assert made.rows[1][:5] == ("H20", "2", "50.00 (1 of 2)", "0.00 (2 of 2)", "0")
+    assert made.rows[0][:6] == ("H10", "2", "100.00 (0 of 1)", "100.00 (0 of 1)", "1", "50")
+    assert made.rows[1][:6] == ("H20", "2", "50.00 (1 of 2)", "0.00 (2 of 2)", "0", "0")
     assert made.rows[2][:4] == ("all", "4", "66.67 (1 of 3)", "33.33 (2 of 3)")
     assert made.notes[:2] == (
         "H20 number 1: not right, or not to be picked",
