@@ -57,7 +57,8 @@ class Writer:
         ends_at = time.monotonic() + after_s
         while time.monotonic() < ends_at:
             pass  # an instant that is not one of the scheduler's
-        os.kill(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # on a busy machine it may have come to its end meanwhile
+            os.kill(child, signal.SIGKILL)
         while (line := self._line()) != ("gone", 0):
             said.append(line)
         return said
