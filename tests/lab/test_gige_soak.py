@@ -68,8 +68,8 @@ def test_frames_stay_new_and_nothing_grows(pytestconfig: pytest.Config) -> None:
             print(
                 f"\n{seconds:.0f} s: {frames[0]} + {frames[1]} of {numbers[0]} + {numbers[1]} frames; "
                 f"age at hand-over median {middle:.1f} ms, 99 % {late:.1f} ms, "
-                f"largest {1e3 * ages[-1]:.0f} ms, {held} later than {MOST_AGE_S:g} s; {100 * cpu:.1f} % of a core; "
-                f"memory {first_mb:.1f} to {last_mb:.1f} MB"
+                f"largest {1e3 * ages[-1]:.0f} ms, {held} later than {MOST_AGE_S:g} s; "
+                f"{100 * cpu:.1f} % of a core; memory {first_mb:.1f} to {last_mb:.1f} MB"
             )
             assert held <= MOST_LATE_SHARE * len(ages)
             assert last_mb - first_mb < MOST_MEMORY_MB
