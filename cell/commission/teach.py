@@ -29,6 +29,8 @@ _OTHER: Final = 0.5
 """Something so long beside the part makes it unclear which is meant."""
 _SAME_PLACE_M: Final = 0.008
 _CHANGED_GREY: Final = 18.0
+_THINNED_WIDTHS: Final = (-0.25, 1.3)
+"""What thinning takes from either end of a part, in its widths: half of one, a little more or less."""
 _WITHIN: Final = 0.03
 """The length the cameras measure may be off by this share: otherwise calibration or stated length is "
 "wrong."""
@@ -87,6 +89,8 @@ def teach(shown: Shown, length_m: float, code: int, name: str) -> Taught:
         )
     band = _band(shown, left, found, diameter_m)
     thinned = _thinned_m(shown, left, right, found, length_m, diameter_m, band)
+    if thinned is not None:
+        _refuse_other_length(length_m, thinned, diameter_m)
     config = PartConfig(
         code=code,
         name=name,
@@ -97,6 +101,19 @@ def teach(shown: Shown, length_m: float, code: int, name: str) -> Taught:
         thinning_end_m=0.0 if thinned is None else round((length_m - thinned) / 2, 5),
     )
     return Taught(part=config, length_m=found.length_m, thinned_m=thinned)
+
+
+def _refuse_other_length(length_m: float, thinned_m: float, diameter_m: float) -> None:
+    """Raise `UsageError` where thinning leaves more of the part than it is long, or takes far too much.
+
+    The detector lays a part of the stated length on what it sees; thinning knows nothing of it.
+    """
+    least, most = _THINNED_WIDTHS
+    if not least * diameter_m <= (length_m - thinned_m) / 2 <= most * diameter_m:
+        raise UsageError(
+            f"thinning leaves {1e3 * thinned_m:.1f} mm of the part, which is {1e3 * diameter_m:.1f} mm "
+            f"thick: stated are {1e3 * length_m:.1f} mm; measure it again, or calibrate the cameras again"
+        )
 
 
 def write(path: Path, taught: Taught, console: Console) -> int:

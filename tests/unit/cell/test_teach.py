@@ -148,3 +148,15 @@ def test_a_rendered_part_teaches_a_product_that_finds_all_of_another_scene(tmp_p
     told = json.loads((tmp_path / "out" / "look.json").read_text(encoding="utf-8"))
     truth = json.loads((scene / "gt.json").read_text(encoding="utf-8"))
     assert len(told["candidates"]) >= len(truth["objects"])
+
+
+@pytest.mark.parametrize(
+    ("stated_m", "fits"), [(0.09, False), (0.097, True), (0.1, True), (0.104, True), (0.11, False)]
+)
+def test_a_length_that_thinning_contradicts_is_refused(stated_m: float, fits: bool) -> None:
+    # 96.5 mm are left of a stick of 100 mm by 3.8 mm
+    if fits:
+        teach._refuse_other_length(stated_m, 0.0965, 0.0038)
+    else:
+        with pytest.raises(UsageError, match=r"thinning leaves 96\.5 mm"):
+            teach._refuse_other_length(stated_m, 0.0965, 0.0038)
