@@ -262,6 +262,31 @@ class PlcInputs:
     read_at: float
 
 
+QUIET = PlcInputs(
+    map_version=1,
+    heartbeat=0,
+    enable=False,
+    abort=False,
+    hold=False,
+    reset_fault=False,
+    dry_run=False,
+    home_on_stop=False,
+    cmd_seq=0,
+    cmd_code=0,
+    recipe=0,
+    source_id=0,
+    destination_id=0,
+    max_attempts=0,
+    speed_percent=0,
+    pose=ToolPose(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0),
+    crc_used=False,
+    crc_ok=True,
+    result_ack_seq=0,
+    read_at=0.0,
+)
+"""A PLC of map v1 that neither enables nor wants anything; `dataclasses.replace` makes the others."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlcOutputs:
     """The status block of map v1, cell to PLC. The defaults are the unsafe side: nothing is ready."""

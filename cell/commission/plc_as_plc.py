@@ -29,7 +29,7 @@ from drivers.plc_map import (
     offset_of,
 )
 from drivers.timing import Clock, StopToken
-from drivers.types import PlcCommand, PlcInputs, PlcOutputs, ResultCode, ToolPose
+from drivers.types import QUIET, PlcCommand, PlcOutputs, ResultCode
 
 PERIOD_S: Final = 0.02
 BEATS_S: Final = 2.5
@@ -37,28 +37,7 @@ STANDS_S: Final = 2.2
 """Longer than the 1.5 s after which a heartbeat that stands is a lost link."""
 ANSWER_S: Final = 3.0
 
-_QUIET: Final = PlcInputs(
-    map_version=MAP_VERSION,
-    heartbeat=0,
-    enable=False,
-    abort=False,
-    hold=False,
-    reset_fault=False,
-    dry_run=False,
-    home_on_stop=False,
-    cmd_seq=0,
-    cmd_code=int(PlcCommand.PING),
-    recipe=0,
-    source_id=0,
-    destination_id=0,
-    max_attempts=0,
-    speed_percent=0,
-    pose=ToolPose(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0),
-    crc_used=False,
-    crc_ok=True,
-    result_ack_seq=0,
-    read_at=0.0,
-)
+_QUIET: Final = replace(QUIET, cmd_code=int(PlcCommand.PING))
 
 
 class PlcSide:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TypeAlias
 
-from drivers.plc_map import MAP_VERSION, next_sequence
+from drivers.plc_map import next_sequence
 from drivers.sim.plc_rules import ContractCheck
-from drivers.types import PlcInputs, PlcOutputs, ResultCode, ToolPose
+from drivers.types import QUIET, PlcInputs, PlcOutputs, ResultCode
 
 BIN_EMPTY_DETAIL = 2
 BEAT_S = 0.1
@@ -123,27 +123,15 @@ class PlcProgram:
 
     def __post_init__(self) -> None:
         t = self.task
-        self.command = PlcInputs(
-            map_version=MAP_VERSION,
-            heartbeat=0,
-            enable=False,
-            abort=False,
-            hold=False,
-            reset_fault=False,
-            dry_run=False,
-            home_on_stop=False,
-            cmd_seq=0,
+        self.command = replace(
+            QUIET,
             cmd_code=t.command,
             recipe=t.part,
             source_id=t.source_id,
             destination_id=t.destination_id,
             max_attempts=t.max_attempts,
             speed_percent=t.speed_percent,
-            pose=ToolPose(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0),
             crc_used=t.use_crc,
-            crc_ok=True,
-            result_ack_seq=0,
-            read_at=0.0,
         )
 
     @property

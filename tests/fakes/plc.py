@@ -8,29 +8,10 @@ from dataclasses import replace
 
 from drivers.errors import DriverError
 from drivers.timing import Clock
-from drivers.types import PlcCommand, PlcInputs, PlcOutputs, ToolPose
+from drivers.types import QUIET, PlcCommand, PlcInputs, PlcOutputs
 
-IDLE = PlcInputs(
-    map_version=1,
-    heartbeat=1,
-    enable=True,
-    abort=False,
-    hold=False,
-    reset_fault=False,
-    dry_run=False,
-    home_on_stop=False,
-    cmd_seq=0,
-    cmd_code=int(PlcCommand.PICK_AND_PLACE),
-    recipe=1,
-    source_id=0,
-    destination_id=0,
-    max_attempts=1,
-    speed_percent=0,
-    pose=ToolPose(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0),
-    crc_used=False,
-    crc_ok=True,
-    result_ack_seq=0,
-    read_at=0.0,
+IDLE = replace(
+    QUIET, heartbeat=1, enable=True, cmd_code=int(PlcCommand.PICK_AND_PLACE), recipe=1, max_attempts=1
 )
 """A PLC that is enabled and wants nothing; `dataclasses.replace` makes the others."""
 
