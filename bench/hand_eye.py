@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ from vision.handeye_checks import calibrate
 from vision.handeye_fit import Noise, board_pose, fit
 from vision.types import Floats, Transform
 
+KINHEC: Final = importlib.util.find_spec("kinhec") is not None
 POSES: Final = 15
 DISTANCE_M: Final = 0.4
 
@@ -44,10 +46,9 @@ class Row:
 
 def _peers(helds: list[Transform], boards: list[Transform]) -> dict[str, HandEye]:
     """What KinHEC's solvers say, where it is installed; its poses are (N, 4, 4), its motions A X = X B."""
-    try:
-        solvers: Any = importlib.import_module("kinhec.solvers")
-    except ImportError:
+    if not KINHEC:
         return {}
+    solvers: Any = importlib.import_module("kinhec.solvers")
     arms = np.stack([_matrix(transforms.invert(held)) for held in helds])
     seen = np.stack([_matrix(board) for board in boards])
     pairs = [(i, j) for i in range(len(arms)) for j in range(i + 1, len(arms))]
@@ -117,6 +118,8 @@ def main() -> int:
     if not SHARED.exists():
         print(f"no data at {SHARED}")
         return 1
+    if not KINHEC:
+        print("without the rows of KinHEC, which is not installed: pip install kinhec")
     for mode, words in (("eye_to_hand", "scene-mounted"), ("eye_in_hand", "robot-mounted")):
         print(
             f"\n{words}, {POSES} poses, {options.draws} draws; error of points {1e3 * DISTANCE_M:.0f} "
