@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,11 +26,11 @@ from cell.types import CellReport, Outcome
 from drivers.errors import DeviceTimeout, DeviceUnavailable
 from drivers.timing import StopToken
 from drivers.types import Grip, JointAngles, PlcCommand, ResultCode, ToolPose
-from tests.fakes.station import Bench, bench, order, scene, stick
-from tests.unit.cell.test_loop import Cell
+from tests.fakes.station import Bench, bench, order, scene
+from tests.unit.cell.looped import Cell
+from tests.unit.cell.scripted import FREE
 from vision.types import Scene
 
-FREE = stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022))
 CLEAR = (0.5, -1.5, 1.5, -1.5, -1.5, 0.0)
 ASKING = OperationConfig(recovery=RecoveryConfig(ask_after_failed_grips=2))
 
@@ -47,15 +46,6 @@ def one_free_part(monkeypatch: pytest.MonkeyPatch) -> None:
 def with_operation(made: Bench, operation: OperationConfig) -> Bench:
     made.station = replace(made.station, operation=operation, places=Places(operation.grid))
     return made
-
-
-@pytest.fixture
-def journal(tmp_path: Path) -> Iterator[Journal]:
-    made = Journal(tmp_path / "journal.sqlite")
-    made.open()
-    made.boot()
-    yield made
-    made.close()
 
 
 def cell_of(journal: Journal, path: Path, operation: OperationConfig) -> Cell:

@@ -20,10 +20,10 @@ from drivers.timing import StopRequested, StopToken
 from drivers.types import JointAngles, PlcCommand, ResultCode, SafetyMode, ToolPose
 from tests.fakes.clock import FakeClock
 from tests.fakes.station import Bench, bench, in_base, order, scene, stick
+from tests.unit.cell.scripted import FREE
 from vision.published import Observer
 from vision.types import Candidate, Crossing, Refusal, Refused, Scene
 
-FREE = stick((-0.04, -0.45, 0.022), (0.04, -0.45, 0.022))
 SECOND = stick((-0.04, -0.38, 0.022), (0.04, -0.38, 0.022))
 COVERED = Refused(reason=Refusal.CROSSED, value=1.0, limit=0.0, unit="1")
 WAIT_S = 20.0
