@@ -107,11 +107,6 @@ def kind(request: pytest.FixtureRequest, cell: SimCell) -> Kind:
 
 
 @pytest.fixture
-def stop() -> StopToken:
-    return StopToken(CLOCK)
-
-
-@pytest.fixture
 def gripper(kind: Kind) -> Iterator[Gripper]:
     made = kind.good()
     made.open()

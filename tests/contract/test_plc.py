@@ -25,6 +25,7 @@ from drivers.timing import MonotonicClock
 from drivers.types import PlcOutputs, ToolPose
 from tests.fakes.modbuswire import bare, good_answer, obliging, reply, silent
 from tests.fakes.modbuswire import receive as request
+from tests.fakes.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 0.2
@@ -45,12 +46,6 @@ def modbus(port: int, timeout_s: float = LIMIT_S, word_order: WordOrder = "big")
         yield plc
     finally:
         plc.close()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def test_constructing_connects_to_nothing() -> None:

@@ -24,16 +24,11 @@ from drivers.types import PlcOutputs
 from tests.fakes.clock import FakeClock
 from tests.fakes.modbuswire import bare, obliging, polling, silent
 from tests.fakes.plc import IDLE, FakePlc
+from tests.fakes.ports import free_port
 
 LIMIT_S = 0.2
 MARGIN_S = 0.3
 CLOCK = MonotonicClock()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager

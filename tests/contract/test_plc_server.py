@@ -1,33 +1,21 @@
 """The role in which the cell is the Modbus server, met by raw sockets: what is shown where, what may be
-written, who may connect and how many, and what of that the cell takes over. Bytes are written by hand.
+written, and what of that the cell takes over. Bytes are written by hand.
 """
 
 from __future__ import annotations
 
-import contextlib
 import socket
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-import structlog
 
-from drivers.errors import DeviceTimeout, DeviceUnavailable
-from drivers.plc import modbus_server
-from drivers.plc.server import ModbusServerPlc
+from drivers.errors import DeviceTimeout
 from drivers.plc_codec import WordOrder, encode_status
-from drivers.settings import ModbusServerPlcSettings
-from drivers.timing import MonotonicClock
-from drivers.types import PlcInputs, PlcOutputs, ToolPose
+from drivers.types import PlcInputs
+from tests.contract.plc_serving import OUTPUTS, Exchange, connected, serving, shown
 from tests.fakes.modbuswire import (
     QUIET,
     ask,
     frame,
-    polling,
     read_pdu,
     read_words,
     receive,
@@ -35,96 +23,6 @@ from tests.fakes.modbuswire import (
     write_pdu,
     write_words,
 )
-
-ROOT = Path(__file__).parents[2]
-CLOCK = MonotonicClock()
-OUTPUTS = PlcOutputs(
-    heartbeat=0x0102,
-    ready=True,
-    robot_link=True,
-    operator_needed=True,
-    state=6,
-    pose=ToolPose(x=-0.1, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=1e-6),
-    boot_id=0xABCD,
-)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextlib.contextmanager
-def serving(
-    *,
-    peers: tuple[str, ...] = ("127.0.0.1",),
-    bind: str = "127.0.0.1",
-    timeout_s: float = 0.3,
-    word_order: WordOrder = "big",
-    most: int = 4,
-) -> Iterator[tuple[ModbusServerPlc, int]]:
-    """An open driver and its port."""
-    port = free_port()
-    settings = ModbusServerPlcSettings(
-        driver="modbus_server",
-        bind=bind,
-        port=port,
-        peers=peers,
-        timeout_s=timeout_s,
-        word_order=word_order,
-        max_connections=most,
-    )
-    plc = ModbusServerPlc("plc", settings, CLOCK)
-    plc.open()
-    try:
-        yield plc, port
-    finally:
-        plc.close()
-
-
-@contextlib.contextmanager
-def connected(port: int, source: str = "127.0.0.1") -> Iterator[socket.socket]:
-    with socket.create_connection(("127.0.0.1", port), timeout=2.0, source_address=(source, 0)) as peer:
-        yield peer
-
-
-class Exchange:
-    """One exchange in a thread, so that the test can be the PLC meanwhile."""
-
-    def __init__(self, plc: ModbusServerPlc, outputs: PlcOutputs) -> None:
-        self.inputs: PlcInputs | None = None
-        self.error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, args=(plc, outputs), name="exchange")
-        self._thread.start()
-
-    def _run(self, plc: ModbusServerPlc, outputs: PlcOutputs) -> None:
-        try:
-            self.inputs = plc.exchange(outputs)
-        except Exception as error:  # noqa: BLE001 - handed to the test
-            self.error = error
-
-    @property
-    def over(self) -> bool:
-        return not self._thread.is_alive()
-
-    def end(self) -> PlcInputs:
-        self._thread.join(5.0)
-        assert self.over
-        if self.error is not None:
-            raise self.error
-        assert self.inputs is not None
-        return self.inputs
-
-
-def shown(plc: ModbusServerPlc, peer: socket.socket, outputs: PlcOutputs) -> None:
-    """Have the PLC shown these outputs."""
-    write_words(peer, 0, QUIET)
-    exchange = Exchange(plc, outputs)
-    while not exchange.over:
-        read_words(peer, 4, 0, 40)
-    exchange.end()
-
 
 # what is shown where
 
@@ -309,165 +207,3 @@ def test_a_request_that_comes_byte_by_byte_is_answered() -> None:
         for byte in frame(read_pdu(3, 200, 1)):
             peer.sendall(bytes([byte]))
         assert receive(peer)[7:] == b"\x03\x02\x12\x34"
-
-
-# who may connect
-
-
-def refusals(logs: list[structlog.typing.EventDict]) -> list[tuple[str, str]]:
-    return [(str(e["peer"]), str(e["reason"])) for e in logs if e["event"] == "plc_peer_refused"]
-
-
-def hung_up(peer: socket.socket) -> bool:
-    try:
-        return peer.recv(1) == b""
-    except ConnectionResetError:
-        return True
-
-
-def test_a_peer_that_is_not_on_the_list_is_hung_up_on_counted_and_named_once() -> None:
-    with (
-        structlog.testing.capture_logs() as logs,
-        serving(peers=("127.0.0.2", "127.0.1.0/24")) as (plc, port),
-    ):
-        for _ in range(5):
-            with connected(port) as peer:
-                assert hung_up(peer)
-        for source in ("127.0.0.2", "127.0.1.77"):
-            with connected(port, source) as peer:
-                assert read_words(peer, 3, 200, 1) == [0x1234]
-        assert plc.refused == 5
-    assert refusals(logs) == [("127.0.0.1", "not in plc.peers")]
-
-
-def test_there_is_a_bound_on_connections_and_one_that_went_silent_gives_way(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with (
-        structlog.testing.capture_logs() as logs,
-        serving(most=2) as (plc, port),
-        connected(port) as first,
-        connected(port) as second,
-    ):
-        assert read_words(first, 3, 200, 1) == read_words(second, 3, 200, 1) == [0x1234]
-        with connected(port) as third:
-            assert hung_up(third)
-        assert plc.refused == 1
-        # a PLC that was switched off has left its connection open; here it may be replaced at once
-        monkeypatch.setattr(modbus_server, "GIVES_WAY_S", 0.0)
-        read_words(second, 3, 200, 1)
-        with connected(port) as third:
-            assert read_words(third, 3, 200, 1) == [0x1234]
-            assert hung_up(first)
-            assert read_words(second, 3, 200, 1) == [0x1234]
-    assert refusals(logs) == [("127.0.0.1", "all connections are taken")]
-
-
-def test_a_peer_that_does_not_read_its_answers_is_not_read_from_either() -> None:
-    """Otherwise its answers would pile up here."""
-    request = frame(read_pdu(4, 0, 40)) * 100
-    with serving() as (_, port), connected(port) as greedy:
-        greedy.settimeout(0.5)
-        sent = 0
-        with contextlib.suppress(TimeoutError):
-            while sent < 50_000_000:
-                sent += greedy.send(request)
-        assert sent < 50_000_000
-        with connected(port) as other:
-            assert read_words(other, 3, 200, 1) == [0x1234]
-
-
-# the address
-
-
-def test_an_address_in_use_is_said_and_nothing_is_left_behind() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        settings = ModbusServerPlcSettings(
-            driver="modbus_server", bind="127.0.0.1", port=port, peers=("127.0.0.1",)
-        )
-        plc = ModbusServerPlc("plc", settings, CLOCK)
-        with pytest.raises(DeviceUnavailable, match=rf"127\.0\.0\.1:{port}: another program listens there"):
-            plc.open()
-        with pytest.raises(DeviceUnavailable, match="not open"):
-            plc.exchange(PlcOutputs())
-    plc.open()
-    with polling(port):
-        assert plc.exchange(PlcOutputs()).map_version == 1
-    plc.close()
-
-
-def test_an_address_of_another_computer_is_said() -> None:
-    settings = ModbusServerPlcSettings(
-        driver="modbus_server", bind="192.0.2.5", port=free_port(), peers=("192.0.2.20",)
-    )
-    with pytest.raises(DeviceUnavailable, match=r"no such address; correct plc\.bind"):
-        ModbusServerPlc("plc", settings, CLOCK).open()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"bind": "cell.example"}, "'cell.example' is not an address in numbers"),
-        ({"peers": ["plc"]}, "'plc' is neither an address nor a network"),
-        ({"peers": []}, "at least 1 item"),
-        ({"max_connections": 0}, "greater than or equal to 1"),
-    ],
-)
-def test_settings_that_cannot_work_are_refused(change: dict[str, object], message: str) -> None:
-    good = {"driver": "modbus_server", "bind": "192.0.2.5", "peers": ["192.0.2.20"]}
-    assert ModbusServerPlcSettings.model_validate(good).port == 502
-    with pytest.raises(ValueError, match=message):
-        ModbusServerPlcSettings.model_validate({**good, **change})
-
-
-def test_closing_ends_connections_and_the_thread_at_once() -> None:
-    with serving() as (plc, port), connected(port) as peer:
-        read_words(peer, 3, 200, 1)
-        began_at = time.monotonic()
-        plc.close()
-        assert time.monotonic() - began_at < 1.0
-        assert hung_up(peer)
-        assert not any(thread.name == "plc-server" for thread in threading.enumerate())
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.1", port), timeout=2.0)
-
-
-def test_a_server_that_has_ended_by_itself_is_started_again_by_the_next_exchange() -> None:
-    with serving(timeout_s=2.0) as (plc, port):
-        assert plc._server is not None
-        assert plc._thread is not None
-        plc._server.end()
-        plc._thread.join(5.0)
-        with polling(port):
-            assert plc.exchange(OUTPUTS).map_version == 1
-
-
-def test_the_library_writes_nothing_on_stderr() -> None:
-    script = (
-        "import socket, logging\n"
-        "import structlog\n"
-        "structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))\n"
-        "from drivers.plc.server import ModbusServerPlc\n"
-        "from drivers.settings import ModbusServerPlcSettings\n"
-        "from drivers.timing import MonotonicClock\n"
-        f"s = ModbusServerPlcSettings(driver='modbus_server', bind='127.0.0.1', port={free_port()},\n"
-        "    peers=('127.0.0.1',))\n"
-        "plc = ModbusServerPlc('plc', s, MonotonicClock())\n"
-        "plc.open()\n"
-        "for data in (b'GET / HTTP/1.0\\r\\n\\r\\n', bytes(8), b'\\0\\1\\0\\0\\0\\3\\1\\3\\0'):\n"
-        "    with socket.create_connection((s.bind, s.port), timeout=2.0) as peer:\n"
-        "        peer.sendall(data)\n"
-        "        print(len(peer.recv(100)))\n"
-        "plc.close()\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=True,
-    )
-    assert done.stdout.split() == ["0", "0", "9"]
-    assert done.stderr == ""

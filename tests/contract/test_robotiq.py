@@ -52,11 +52,6 @@ def driver(peer: RobotiqPeer, **changes: object) -> RobotiqGripper:
 
 
 @pytest.fixture
-def stop() -> StopToken:
-    return StopToken(CLOCK)
-
-
-@pytest.fixture
 def gripper(peer: RobotiqPeer, stop: StopToken) -> Iterator[RobotiqGripper]:
     made = driver(peer)
     made.open()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -28,6 +27,7 @@ from drivers.plc_codec import WordOrder
 from drivers.settings import ModbusPlcSettings, ModbusServerPlcSettings
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import PlcInputs, PlcOutputs, ResultCode
+from tests.fakes.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 CLOCK = MonotonicClock()
@@ -180,12 +180,6 @@ def serving(port: int, word_order: WordOrder = "big") -> Iterator[ModbusServerPl
         yield plc
     finally:
         plc.close()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize("extra", [(), ("--crc",), ("--word-order", "little")])

@@ -21,6 +21,7 @@ import yaml
 
 from drivers.plc_map import next_sequence
 from drivers.types import PlcCommand, PlcOutputs, ResultCode
+from tests.fakes.ports import free_port
 from tests.fakes.simcell import WORLD, SimCell, sim_cell
 from tests.lab.cable import Cable, cable
 from tests.lab.test_soak import Sample, sample
@@ -29,7 +30,6 @@ from tests.system.processes import (
     START_S,
     Daemon,
     HandPlc,
-    free_port,
     hand_plc,
     until,
     write_config,

@@ -14,8 +14,9 @@ import pytest
 from drivers.types import PlcCommand
 from tests.fakes.modbusnoise import TALKS, Noise
 from tests.fakes.modbuswire import PollingPlc, polling
+from tests.fakes.ports import free_port
 from tests.fakes.simcell import sim_cell
-from tests.system.processes import SPEED, Line, daemon, free_port, orders, until, write_config
+from tests.system.processes import SPEED, Line, daemon, orders, until, write_config
 
 SHORT_S = 4.0
 SLOWEST_S = 1.4

@@ -15,8 +15,9 @@ from pathlib import Path
 import pytest
 
 from drivers.types import PlcCommand
+from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import ROOT, SPEED, Daemon, Line, daemon, free_port, orders, write_config
+from tests.system.processes import ROOT, SPEED, Daemon, Line, daemon, orders, write_config
 
 SOURCES = Path(__file__).parent / "modbus"
 LOUD = "THE PEER IS MISSING AND INTEROPERATION IS NOT TESTED; run tests/lab/setup.sh as root"

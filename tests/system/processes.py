@@ -49,13 +49,6 @@ def until(condition: Callable[[], bool], within_s: float, what: str) -> None:
         time.sleep(POLL_S)
 
 
-def free_port() -> int:
-    """A port nobody listens on now."""
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def write_config(
     folder: Path, sim_port: int, plc_port: int, *, overlays: bool = False, plc: Line | None = None
 ) -> Path:

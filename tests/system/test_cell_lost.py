@@ -7,12 +7,12 @@ import signal
 from pathlib import Path
 
 from drivers.types import ResultCode
+from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell, sim_cell
 from tests.system.processes import (
     SPEED,
     HandPlc,
     daemon,
-    free_port,
     freeze,
     hand_plc,
     notify_socket,

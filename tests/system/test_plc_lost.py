@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 
 from drivers.types import ResultCode
+from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell
 from tests.system.processes import (
     ROOT,
     HandPlc,
     daemon,
-    free_port,
     freeze,
     hand_plc,
     orders,
