@@ -133,7 +133,7 @@ class Factory:
         """An arm called ``name``."""
         match settings:
             case SimRobotSettings():
-                from drivers.sim.devices import SimRobot
+                from drivers.sim.robot import SimRobot
 
                 return SimRobot(name, settings, self.clock)
             case UrRobotSettings():
@@ -147,7 +147,7 @@ class Factory:
         """An arm called ``name`` that a person leads."""
         match settings:
             case SimRobotSettings():
-                from drivers.sim.devices import SimWatch
+                from drivers.sim.robot import SimWatch
 
                 return SimWatch(name, settings, self.clock)
             case UrRobotSettings():

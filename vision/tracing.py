@@ -1,7 +1,8 @@
 """Bent objects in one picture: whole strands through crossings, as ordered sub-pixel curves.
 
 The skeleton graph gives the pieces between crossings; at each crossing the pieces that bend least in
-going on are one strand (`tracing_arms`), and the curves are put together from them (`tracing_curves`).
+going on are one strand (`tracing_arms`, `tracing_crossings`), and the curves are put together from them
+(`tracing_curves`).
 Strands of any number and shape, any number of arms at a crossing, ends that touch other strands. Two ends
 that touch at a corner are one strand with a corner, as a bent part is. Strands that touch along a bend may
 be exchanged there, and in heaps so dense that most of a mask is crossings much of it belongs to none.
@@ -15,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.net import radii_px
-from vision.tracing_arms import arms_of, crossings, edge_radii, trims
+from vision.tracing_arms import arms_of, edge_radii, trims
+from vision.tracing_crossings import crossings
 from vision.tracing_curves import assemble, bodies, spread
 from vision.types import Bools, Floats, Graph, Ints, Mask, Paths, read_only
 

@@ -13,62 +13,20 @@ import numpy as np
 
 from drivers.sim.arm import MotionEnd, Refused
 from drivers.sim.board import BoardPlace
+from drivers.sim.eyes import Eyes
 from drivers.sim.geometry import tool_pose
-from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import Eye
-from drivers.sim.render import Lighting, Renderer
 from drivers.sim.world import Snapshot, World
 from drivers.timing import Clock
-from drivers.types import Grip, JointAngles, Pixels, RobotState, SafetyMode, Six, ToolPose
+from drivers.types import Grip, JointAngles, RobotState, SafetyMode, Six, ToolPose
 
 LEASE_S = 0.3
 """A motion goes on only while its client asks after it at least this often (real time)."""
-EXPOSURE_KEPT_S = 3.0
-"""The second eye may still develop an exposure this old: on a busy machine the first one takes its time."""
 LONGEST_JUMP_S = 0.25
 """After the process was frozen, simulated time goes on from where it was."""
-EYES = ("left", "right")
 PINS = 16
 JAWS_OUTPUT, HELD_INPUT = 0, 0
 """Pins of the arm: the output that closes the jaws (off: opens them), the input that says a part is held."""
-
-
-class CameraFault:
-    """Names of what can be wrong with an eye."""
-
-    NONE = "none"
-    FREEZE = "freeze"
-    BLACK = "black"
-    SATURATE = "saturate"
-    SLOW = "slow"
-    SILENT = "silent"
-
-
-@dataclass(slots=True, eq=False)
-class _EyeState:
-    renderer: Renderer
-    lock: threading.Lock
-    fault: str = CameraFault.NONE
-    slow_s: float = 0.0
-    last: Pixels | None = None
-    sequence: int = 0
-    developed: int = 0  # number of the newest exposure this eye has developed
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Exposure:
-    number: int
-    snapshot: Snapshot
-    captured_at: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shot:
-    """One developed picture."""
-
-    pixels: Pixels
-    captured_at: float
-    sequence: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,10 +45,6 @@ class Driven:
 
     inputs: int
     asked: SafetyMode | None
-
-
-class Silent(Exception):
-    """This eye does not answer in time."""
 
 
 class Controller:
@@ -112,14 +66,7 @@ class Controller:
         self._speed = speed
         self._lock = threading.RLock()
         self._since = clock.now()
-        self._layout: WorldLayout = world.layout
-        self._lighting = Lighting(world.layout)
-        self._lighting_lock = threading.Lock()
-        self._eyes = {
-            name: _EyeState(renderer=Renderer(eye, world.layout, seed), lock=threading.Lock())
-            for name, eye in zip(EYES, eyes, strict=True)
-        }
-        self._exposure: _Exposure | None = None
+        self.eyes = Eyes(world, eyes, seed, clock, self._lock, self.advance)
         self._holder: int | None = None
         self._asked_at = clock.now()
         self._robot_frozen = False
@@ -131,8 +78,8 @@ class Controller:
         self._asked_safety: SafetyMode | None = None
         self.lease_halts = 0
 
-    def advance(self) -> None:
-        """Bring the world to now; halt a motion nobody asks after."""
+    def advance(self) -> float:
+        """Bring the world to now, which it returns; halt a motion nobody asks after."""
         with self._lock:
             now = self._clock.now()
             passed, self._since = now - self._since, now
@@ -141,65 +88,7 @@ class Controller:
                 self.lease_halts += 1
                 self._asked_at = now
             self._world.step(min(passed, LONGEST_JUMP_S) * self._speed)
-
-    # ------------------------------------------------------------------ eyes
-
-    def grab(self, eye: str, newer_than: float, timeout_s: float) -> Shot:
-        """A picture exposed after ``newer_than``; `Silent` when that cannot be had in ``timeout_s``."""
-        deadline = self._clock.now() + timeout_s
-        state = self._eyes[eye]
-        never = threading.Event()
-        while self._clock.now() <= newer_than:
-            if newer_than >= deadline:
-                raise Silent(f"no picture after {newer_than:.3f} within {timeout_s:.3f} s")
-            self._clock.wait(never, newer_than - self._clock.now() + 0.001)
-        with state.lock:
-            if state.fault == CameraFault.SILENT:
-                self._clock.wait(never, deadline - self._clock.now())
-                raise Silent("the eye is silent")
-            exposure = self._expose(state, newer_than)
-            if state.fault == CameraFault.SLOW:
-                self._clock.wait(never, state.slow_s)
-            pixels = self._develop(state, exposure)
-            state.sequence += 1
-            return Shot(pixels=pixels, captured_at=exposure.captured_at, sequence=state.sequence)
-
-    def _expose(self, state: _EyeState, newer_than: float) -> _Exposure:
-        """Both eyes open at one instant: the second one to ask gets the instant of the first."""
-        with self._lock:
-            self.advance()
-            now = self._since
-            last = self._exposure
-            if (
-                last is None
-                or last.number <= state.developed
-                or last.captured_at <= newer_than
-                or now - last.captured_at > EXPOSURE_KEPT_S
-            ):
-                number = 1 if last is None else last.number + 1
-                self._world.exposures += 1
-                last = _Exposure(number=number, snapshot=self._world.snapshot(), captured_at=now)
-                self._exposure = last
-            state.developed = last.number
-            return last
-
-    def _develop(self, state: _EyeState, exposure: _Exposure) -> Pixels:
-        if state.fault == CameraFault.FREEZE and state.last is not None:
-            return state.last
-        with self._lighting_lock:
-            light = self._lighting.of(exposure.snapshot)
-        pixels = state.renderer.picture(exposure.snapshot, light)
-        if state.fault == CameraFault.BLACK:
-            pixels = (pixels // 64).astype(np.uint8)
-        elif state.fault == CameraFault.SATURATE:
-            pixels = np.minimum(pixels.astype(np.uint16) * 2 + 190, 255).astype(np.uint8)
-        state.last = pixels
-        return pixels
-
-    def set_camera_fault(self, eye: str, fault: str, slow_s: float = 0.0) -> None:
-        """What is wrong with an eye from now on."""
-        with self._lock:
-            self._eyes[eye].fault, self._eyes[eye].slow_s = fault, slow_s
+            return now
 
     # ------------------------------------------------------------------ arm
 

@@ -14,7 +14,8 @@ import socketserver
 
 from drivers.sim.arm import Refused
 from drivers.sim.board import BoardPlace
-from drivers.sim.controller import EYES, CameraFault, Controller, Drive, Silent
+from drivers.sim.controller import Controller, Drive
+from drivers.sim.eyes import EYES, CameraFault, Silent
 from drivers.sim.protocol import Json, Message, ProtocolError, receive, send
 from drivers.types import JointAngles, RobotState, SafetyMode, ToolPose
 
@@ -44,7 +45,7 @@ def upset(controller: Controller, name: str, eye: str | None = None, seconds: fl
         raise ProtocolError(f"there is no eye {eye!r}")
     if name in CAMERA_FAULTS:
         for each in EYES if eye is None else (eye,):
-            controller.set_camera_fault(each, CAMERA_FAULTS[name], seconds)
+            controller.eyes.set_fault(each, CAMERA_FAULTS[name], seconds)
     elif name in SAFETY_FAULTS:
         controller.stop_for_safety(SAFETY_FAULTS[name])
     elif name == "drop_next":
@@ -144,7 +145,7 @@ def _grab(controller: Controller, request: Message) -> Message:
     if eye not in EYES:
         raise ProtocolError(f"there is no eye {eye!r}")
     timeout_s = min(request.number("timeout_s"), LONGEST_GRAB_S)
-    shot = controller.grab(eye, request.number("newer_than"), timeout_s)
+    shot = controller.eyes.grab(eye, request.number("newer_than"), timeout_s)
     height, width, _ = shot.pixels.shape
     values: dict[str, Json] = {
         "ok": True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
-from drivers.sim.devices import SimRobot
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock
 from drivers.types import JointAngles, JointMotion, LineMotion, ToolPose
 from tests.fakes.ur_controller import UrController

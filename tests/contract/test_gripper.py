@@ -20,8 +20,9 @@ from drivers.settings import (
     SimGripperSettings,
     SimRobotSettings,
 )
-from drivers.sim.devices import SimGripper, SimRobot
+from drivers.sim.devices import SimGripper
 from drivers.sim.geometry import Floats, tool_pose
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock, StopRequested, StopToken
 from drivers.types import Grip, JointAngles, JointMotion, LineMotion, ToolPose
 from tests.fakes.gripper import FakeGripper

@@ -17,7 +17,7 @@ from drivers.errors import (
     SafetyStop,
     StaleData,
 )
-from drivers.sim.devices import SimRobot
+from drivers.sim.robot import SimRobot
 from drivers.timing import StopToken
 from tests.contract.arms import CLOCK, CRAWL, ELSEWHERE, FAR, HOME, LINE, QUICK, sim
 from tests.fakes.simcell import ROOT, SimCell, sim_cell
@@ -101,7 +101,7 @@ DYING_CLIENT = """
 import sys
 from drivers.robot.ur import UrRobot
 from drivers.settings import SimRobotSettings
-from drivers.sim.devices import SimRobot
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import JointAngles, JointMotion
 clock = MonotonicClock()

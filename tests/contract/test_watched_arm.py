@@ -11,7 +11,7 @@ from drivers.errors import CommandRejected, DeviceUnavailable
 from drivers.factory import Factory
 from drivers.interfaces import WatchedArm
 from drivers.settings import SimRobotSettings
-from drivers.sim.devices import SimRobot
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import JointAngles, JointMotion
 from tests.fakes.simcell import sim_cell

@@ -14,8 +14,8 @@ import numpy as np
 import yaml
 
 from drivers.settings import SimRobotSettings
-from drivers.sim.devices import SimRobot
 from drivers.sim.geometry import Floats, apply, pose_matrix
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock, StopToken
 from drivers.types import JointAngles, JointMotion
 from tests.fakes.simcell import ROOT, SimCell

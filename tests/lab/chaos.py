@@ -1,4 +1,4 @@
-"""A cell in a bad night: what can happen to it, and who watches.
+"""A cell in a bad night: its orders, and who watches. What can happen to it is in `chaos_faults`.
 
 The watchers are not the cell's own books: the PLC's registers, where every write of the cell is noted, and
 the simulated world, which counts every motion it was made to start and every part that lies somewhere.
@@ -7,7 +7,6 @@ the simulated world, which counts every motion it was made to start and every pa
 from __future__ import annotations
 
 import random
-import resource
 import subprocess
 import sys
 import time
@@ -25,15 +24,8 @@ from tests.fakes.ports import free_port
 from tests.fakes.simcell import WORLD, SimCell, sim_cell
 from tests.lab.cable import Cable, cable
 from tests.lab.test_soak import Sample, sample
-from tests.system.processes import (
-    POLL_S,
-    START_S,
-    Daemon,
-    HandPlc,
-    hand_plc,
-    until,
-    write_config,
-)
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import POLL_S, START_S, Daemon, until, write_config
 
 SPEED = "60"
 STICKS = 5
@@ -44,6 +36,18 @@ ORDER_S = 40.0
 FORGOTTEN_S = 6.0
 FIRST_SEQUENCE = 65400
 """So that the numbers come round in a long night."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """What is brought about before an order is shown, and while it is carried out.
+
+    Without either it lies in the way the order is given, and `Night.order` knows its name.
+    """
+
+    name: str
+    before: Callable[[Night], None] | None = None
+    during: Callable[[Night], None] | None = None
 
 
 @dataclass(slots=True)
@@ -110,7 +114,7 @@ class Night:
         self.added = STICKS
         self.still = 0
         self.stuck = 0
-        self._room: Callable[[], object] | None = None
+        self.room: Callable[[], object] | None = None
         self.balance: dict[str, int] = {}
         self._stack = stack
         self._plc_port = free_port()
@@ -128,6 +132,16 @@ class Night:
         plc.program.before_write = self.observer.wrote
         return plc
 
+    def restart_plc(self, away_s: float) -> None:
+        """Its registers are empty, its port is gone for a while."""
+        self._plc_stack.close()
+        self._plc_stack = ExitStack()
+        time.sleep(away_s)
+        self.plc = self._new_plc()
+
+    def start_daemon(self) -> None:
+        self.daemon = self._new_daemon()
+
     def _new_daemon(self) -> Daemon:
         running = Daemon(self.config)
         self.samples.append([])
@@ -139,7 +153,7 @@ class Night:
 
     # ------------------------------------------------------------------ one order
 
-    def order(self, fault: str) -> Order:
+    def order(self, fault: Fault | None) -> Order:
         """One order of the PLC with one fault in it, or none; it has come to its end when this returns."""
         self.recover()
         lying = self.cell.count("in_tray")
@@ -148,16 +162,17 @@ class Night:
             self.cell.ask("add_sticks", count=STICKS)
             self.added += STICKS
         self.nothing_moved("between two orders")
-        self.faults[fault or "none"] += 1
+        self.faults[fault.name if fault else "none"] += 1
         before = self.cell.ask("status")
         seq = next_sequence(self.last_seq)
-        if fault == "skipped sequence":
+        name = fault.name if fault else ""
+        if name == "skipped sequence":
             for _ in range(self.rng.randrange(1, 50)):
                 seq = next_sequence(seq)
         self.last_seq = seq
         order = Order(
             seq=seq,
-            fault=fault,
+            fault=name,
             motions_before=before.whole("motions"),
             grasps_before=before.whole("grasps"),
             boxed_before=before.whole("in_box"),
@@ -167,22 +182,22 @@ class Night:
         self.plc.sequence = seq
         with self.plc.program.lock:
             self.plc.program.rules.ordered(seq)
-        if fault == "torn write":
+        if name == "torn write":
             # a scan that is cut in two: the number is there before its payload, which changes under way
             self.plc.change(cmd_seq=seq, cmd_code=int(PlcCommand.PICK_AND_PLACE), max_attempts=99)
             time.sleep(self.rng.uniform(0.0, 0.04))
         self.plc.change(cmd_code=int(PlcCommand.PICK_AND_PLACE), max_attempts=1)
-        if fault in BEFORE:
-            BEFORE[fault](self)
+        if fault and fault.before:
+            fault.before(self)
         self.plc.change(cmd_seq=seq)
-        if fault in DURING:
+        if fault and fault.during:
             time.sleep(self.rng.uniform(0.0, 0.8))
-            DURING[fault](self)
+            fault.during(self)
         self.await_end(order)
-        if self._room is not None:
-            self._room()
-            self._room = None
-        if fault == "duplicate sequence":
+        if self.room is not None:
+            self.room()
+            self.room = None
+        if name == "duplicate sequence":
             self.ask_again(order)
         self.close(order)
         return order
@@ -265,7 +280,7 @@ class Night:
         ends_at = time.monotonic() + RECOVER_S
         if self.daemon.process.poll() is not None:
             self.faults["daemon ended by itself"] += 1
-            self.daemon = self._new_daemon()
+            self.start_daemon()
         while not self.plc.status.ready:
             assert time.monotonic() < ends_at, f"the cell does not come back: {self.plc.status}"
             status = self.plc.status
@@ -288,83 +303,8 @@ class Night:
         while not self.plc.status.ready and time.monotonic() - began_at < longest_s:
             time.sleep(POLL_S)
 
-    # ------------------------------------------------------------------ the faults
-
-    def restart_plc(self) -> None:
-        """Power off and on: its registers are empty, its port is gone for a while."""
-        with self.plc.program.lock:
-            self.observer.strange += self.plc.program.violations
-        self._plc_stack.close()
-        self._plc_stack = ExitStack()
-        time.sleep(self.rng.choice((0.0, 0.3, 1.0)))
-        self.plc = self._new_plc()
-        self.plc.sequence = self.last_seq
-        with self.plc.program.lock:
-            self.plc.program.rules.remembered(self.observer.orders)
-            self.plc.program.rules.ordered(self.last_seq)  # it may come back to a result of this one
-
-    def pull_cable(self) -> None:
-        self.cable.pull()
-        time.sleep(self.rng.choice((0.05, 0.3, 1.0, 2.0)))
-        self.cable.plug()
-
-    def swallow(self) -> None:
-        self.cable.swallow()
-        time.sleep(self.rng.choice((0.2, 0.8, 2.0)))
-        self.cable.plug()
-
-    def kill_daemon(self) -> None:
-        self.daemon.kill()
-        until(lambda: not self.cell.ask("status").flag("arm_moving"), 3.0, "the arm stands")
-        self.daemon = self._new_daemon()
-        self.daemon.wait_for("state_changed", START_S, after="IDLE")
-
-    def fill_disk(self) -> None:
-        limits = resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-        time.sleep(self.rng.uniform(0.3, 1.5))
-        resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE, limits)
-
-    def fill_disk_at_once(self) -> None:
-        """Full when the order is read; somebody makes room once it has been answered."""
-        limits = resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-        self._room = lambda: resource.prlimit(self.daemon.pid, resource.RLIMIT_FSIZE, limits)
-
     def sampled(self, delivered: int) -> None:
         self.samples[-1].append(sample(self.daemon.pid, delivered))
-
-
-def _fault(name: str, eye: str | None = None) -> Callable[[Night], None]:
-    def bring_about(night: Night) -> None:
-        if eye is None:
-            night.cell.fault(name)
-        else:
-            night.cell.fault(name, eye=eye)
-
-    return bring_about
-
-
-BEFORE: dict[str, Callable[[Night], None]] = {
-    "dropped part": _fault("drop_next"),
-    "missed part": _fault("miss_next"),
-    "camera silent": _fault("camera_silent", "left"),
-    "camera black": _fault("camera_black", "right"),
-    "camera frozen": _fault("camera_freeze", "left"),
-    "disk full before the order": lambda night: night.fill_disk_at_once(),
-}
-DURING: dict[str, Callable[[Night], None]] = {
-    "PLC restart": Night.restart_plc,
-    "cable pulled": Night.pull_cable,
-    "switch dead": Night.swallow,
-    "protective stop": _fault("protective_stop"),
-    "emergency stop": _fault("emergency_stop"),
-    "arm frozen": _fault("robot_frozen"),
-    "daemon killed": Night.kill_daemon,
-    "disk full": Night.fill_disk,
-}
-ELSE = ("torn write", "duplicate sequence", "skipped sequence")
-FAULTS = (*BEFORE, *DURING, *ELSE)
 
 
 def written(folder: Path, sim_port: int, plc_port: int) -> Path:

@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from drivers.types import ResultCode
-from tests.lab.chaos import FAULTS, Night, night
+from tests.lab.chaos import Fault, Night, night
+from tests.lab.chaos_faults import FAULTS
 from tests.lab.test_soak import zombies_of
 from tests.system.processes import until
 
@@ -39,14 +40,14 @@ def chaos_picks(pytestconfig: pytest.Config) -> int:
     return SHORT if asked is None else asked
 
 
-def plan(rng: random.Random, orders: int) -> list[str]:
+def plan(rng: random.Random, orders: int) -> list[Fault | None]:
     """Each fault once, shuffled, in a short night; in a long one they come as they come."""
     if orders <= 2 * len(FAULTS):
-        chosen = list(FAULTS)[:orders]
-        chosen += [""] * (orders - len(chosen))
+        chosen: list[Fault | None] = [*FAULTS[:orders]]
+        chosen += [None] * (orders - len(chosen))
         rng.shuffle(chosen)
         return chosen
-    return [rng.choice(FAULTS) if rng.random() > CALM else "" for _ in range(orders)]
+    return [rng.choice(FAULTS) if rng.random() > CALM else None for _ in range(orders)]
 
 
 def lane(folder: Path, seed: int, orders: int) -> Night:

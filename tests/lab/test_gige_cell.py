@@ -18,7 +18,8 @@ from tests.fakes.simcell import SimCell, sim_cell
 from tests.fakes.ur_controller import ur_controller
 from tests.lab import gige
 from tests.lab.test_soak import UNPLANNED, recover
-from tests.system.processes import DEMO, START_S, HandPlc, daemon, hand_plc
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import DEMO, START_S, daemon
 
 STICKS = 12
 MOST_S = 900.0

@@ -18,7 +18,8 @@ import yaml
 from drivers.types import ResultCode
 from tests.fakes.simcell import SimCell, sim_cell
 from tests.fakes.ur_controller import UrController, ur_controller
-from tests.system.processes import DEMO, START_S, Daemon, HandPlc, daemon, hand_plc, until
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import DEMO, START_S, Daemon, daemon, until
 
 LEFT_IN_TRAY = 4
 STOP_EVERY = 20

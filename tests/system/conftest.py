@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import SPEED, HandPlc, hand_plc
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import SPEED
 from vision.default import warm_up
 
 

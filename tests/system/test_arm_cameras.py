@@ -22,8 +22,9 @@ from drivers.camera_settings import SimCameraSettings
 from drivers.factory import Factory
 from drivers.interfaces import StereoRig
 from drivers.settings import SimRobotSettings
-from drivers.sim.devices import Link, SimRobot
+from drivers.sim.devices import Link
 from drivers.sim.geometry import Floats
+from drivers.sim.robot import SimRobot
 from drivers.timing import MonotonicClock, StopRequested, StopToken
 from drivers.types import JointAngles, JointMotion
 from tests.fakes.simcell import ROOT, SimCell, sim_cell

@@ -9,16 +9,8 @@ from pathlib import Path
 from drivers.types import ResultCode
 from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import (
-    SPEED,
-    HandPlc,
-    daemon,
-    freeze,
-    hand_plc,
-    notify_socket,
-    until,
-    write_config,
-)
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import SPEED, daemon, freeze, notify_socket, until, write_config
 
 IDLE, ABORTED = 4, 9
 ROBOT_LOST, ROBOT_SLOW, CAMERA_SLOW = 401, 402, 202

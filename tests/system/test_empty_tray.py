@@ -9,7 +9,8 @@ import yaml
 from drivers.types import ResultCode
 from tests.fakes.commissioner import DEMO, Commissioner
 from tests.fakes.simcell import sim_cell
-from tests.system.processes import HandPlc, daemon
+from tests.system.handplc import HandPlc
+from tests.system.processes import daemon
 
 
 def test_what_belongs_to_the_tray_stays_and_the_rest_is_picked(tmp_path: Path, plc: HandPlc) -> None:

@@ -15,7 +15,8 @@ from drivers.types import ResultCode
 from tests.fakes.robotiq import robotiq_peer
 from tests.fakes.simcell import SimCell, sim_cell
 from tests.fakes.ur_controller import ur_controller
-from tests.system.processes import DEMO, START_S, Daemon, HandPlc, Json, daemon, hand_plc
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import DEMO, START_S, Daemon, Json, daemon
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

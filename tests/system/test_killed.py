@@ -10,7 +10,8 @@ import pytest
 
 from drivers.types import PlcCommand, PlcOutputs, ResultCode
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import SPEED, Daemon, HandPlc, daemon, orders, until, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import SPEED, Daemon, daemon, orders, until, write_config
 
 INTERRUPTED = ResultCode.INTERRUPTED_BY_RESTART
 SLOW_PERCENT = 15

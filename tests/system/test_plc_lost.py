@@ -12,16 +12,8 @@ from pathlib import Path
 from drivers.types import ResultCode
 from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell
-from tests.system.processes import (
-    ROOT,
-    HandPlc,
-    daemon,
-    freeze,
-    hand_plc,
-    orders,
-    until,
-    write_config,
-)
+from tests.system.handplc import HandPlc, hand_plc
+from tests.system.processes import ROOT, daemon, freeze, orders, until, write_config
 
 SUSPENDED = "SUSPENDED"
 

@@ -20,7 +20,8 @@ from drivers.types import ToolPose
 from tests.fakes.modbuswire import QUIET, polling
 from tests.fakes.ports import free_port
 from tests.fakes.simcell import SimCell
-from tests.system.processes import ROOT, HandPlc, Line, daemon, until, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import ROOT, Line, daemon, until, write_config
 
 
 def verify(*arguments: str, timeout_s: float = 60.0) -> tuple[int, str]:

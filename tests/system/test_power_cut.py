@@ -27,7 +27,8 @@ from cell.types import Outcome, PickResult
 from drivers.types import ResultCode
 from tests.fakes.simcell import SimCell
 from tests.fakes.station import order
-from tests.system.processes import ROOT, HandPlc, daemon, orders, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import ROOT, daemon, orders, write_config
 
 CUTS = 200
 LONGEST_S = 0.03

@@ -14,7 +14,8 @@ import yaml
 from cell import drift
 from drivers.types import PlcCommand, ResultCode
 from tests.fakes.simcell import SimCell, sim_cell
-from tests.system.processes import DEMO, ROOT, SPEED, HandPlc, daemon, orders, until, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import DEMO, ROOT, SPEED, daemon, orders, until, write_config
 from vision.drift import SETTLED_LOOKS, Drift, Trend
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from drivers.types import ResultCode
 from tests.fakes.simcell import SimCell
-from tests.system.processes import HandPlc, daemon, orders, until, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import daemon, orders, until, write_config
 
 STOPPED = 2
 

@@ -14,7 +14,8 @@ import yaml
 from drivers.types import PlcCommand, ResultCode
 from tests.fakes.simcell import sim_cell
 from tests.fakes.ur_controller import TCP, UrController, ur_controller
-from tests.system.processes import DEMO, HandPlc, daemon, orders, until
+from tests.system.handplc import HandPlc
+from tests.system.processes import DEMO, daemon, orders, until
 
 STANDS_S = 0.3
 SLOW_PERCENT = 15

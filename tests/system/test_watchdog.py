@@ -12,7 +12,8 @@ import pytest
 
 from drivers.types import ResultCode
 from tests.fakes.simcell import SimCell
-from tests.system.processes import HandPlc, daemon, notify_socket, write_config
+from tests.system.handplc import HandPlc
+from tests.system.processes import daemon, notify_socket, write_config
 
 HANG = Path(__file__).parent / "hanging_daemon.py"
 

@@ -10,7 +10,8 @@ import pytest
 
 from drivers.sim.arm import MotionEnd, Refused
 from drivers.sim.cell import load_world
-from drivers.sim.controller import EXPOSURE_KEPT_S, CameraFault, Controller, Silent
+from drivers.sim.controller import Controller
+from drivers.sim.eyes import EXPOSURE_KEPT_S, CameraFault, Silent
 from drivers.sim.layout import WorldLayout
 from drivers.sim.optics import eyes
 from drivers.sim.world import World
@@ -140,51 +141,51 @@ def test_recovering_does_not_release_an_emergency_stop(controller: Controller) -
 def test_both_eyes_develop_the_same_instant_and_the_next_pair_a_new_one(
     controller: Controller, clock: FakeClock
 ) -> None:
-    left = controller.grab("left", 99.0, 1.0)
+    left = controller.eyes.grab("left", 99.0, 1.0)
     clock.turn(0.1)
-    right = controller.grab("right", 99.0, 1.0)
+    right = controller.eyes.grab("right", 99.0, 1.0)
     assert left.captured_at == right.captured_at == 100.0
     clock.turn(0.1)
-    assert controller.grab("left", 99.0, 1.0).captured_at == pytest.approx(100.2)
+    assert controller.eyes.grab("left", 99.0, 1.0).captured_at == pytest.approx(100.2)
 
 
 @pytest.mark.parametrize(("newer_than", "wait_s"), [(100.05, 0.1), (99.0, EXPOSURE_KEPT_S + 0.1)])
 def test_an_instant_too_early_or_too_long_ago_is_not_developed(
     controller: Controller, clock: FakeClock, newer_than: float, wait_s: float
 ) -> None:
-    controller.grab("left", 99.0, 1.0)
+    controller.eyes.grab("left", 99.0, 1.0)
     clock.turn(wait_s)
-    assert controller.grab("right", newer_than, 1.0).captured_at == pytest.approx(100.0 + wait_s)
+    assert controller.eyes.grab("right", newer_than, 1.0).captured_at == pytest.approx(100.0 + wait_s)
 
 
 def test_a_picture_shows_the_moment_it_claims_and_not_the_moment_it_was_developed(
     controller: Controller, clock: FakeClock
 ) -> None:
-    controller.set_camera_fault("left", CameraFault.SLOW, 0.4)
-    shot = controller.grab("left", 99.0, 1.0)
+    controller.eyes.set_fault("left", CameraFault.SLOW, 0.4)
+    shot = controller.eyes.grab("left", 99.0, 1.0)
     assert shot.captured_at == 100.0
     assert clock.now() == pytest.approx(100.4)
 
 
 def test_the_future_is_waited_for_as_long_as_allowed(controller: Controller, clock: FakeClock) -> None:
-    assert controller.grab("left", 100.2, 1.0).captured_at > 100.2
+    assert controller.eyes.grab("left", 100.2, 1.0).captured_at > 100.2
     with pytest.raises(Silent):
-        controller.grab("left", 105.0, 1.0)
+        controller.eyes.grab("left", 105.0, 1.0)
 
 
 def test_a_silent_eye_takes_its_time_and_says_nothing(controller: Controller, clock: FakeClock) -> None:
-    controller.set_camera_fault("right", CameraFault.SILENT)
+    controller.eyes.set_fault("right", CameraFault.SILENT)
     with pytest.raises(Silent):
-        controller.grab("right", 99.0, 0.5)
+        controller.eyes.grab("right", 99.0, 0.5)
     assert clock.now() == pytest.approx(100.5)
 
 
 def test_a_frozen_eye_repeats_its_pixels(controller: Controller) -> None:
-    first = controller.grab("left", 99.0, 1.0)
-    controller.set_camera_fault("left", CameraFault.FREEZE)
-    assert np.array_equal(first.pixels, controller.grab("left", 99.0, 1.0).pixels)
-    controller.set_camera_fault("left", CameraFault.NONE)
-    assert not np.array_equal(first.pixels, controller.grab("left", 99.0, 1.0).pixels)
+    first = controller.eyes.grab("left", 99.0, 1.0)
+    controller.eyes.set_fault("left", CameraFault.FREEZE)
+    assert np.array_equal(first.pixels, controller.eyes.grab("left", 99.0, 1.0).pixels)
+    controller.eyes.set_fault("left", CameraFault.NONE)
+    assert not np.array_equal(first.pixels, controller.eyes.grab("left", 99.0, 1.0).pixels)
 
 
 def test_jaws_take_their_time(controller: Controller, clock: FakeClock) -> None:

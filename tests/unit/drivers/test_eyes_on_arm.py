@@ -88,12 +88,12 @@ def test_both_eyes_show_the_arm_where_it_was_when_they_opened_though_it_moves_on
         clock.turn(0.1)
         controller.poll(1)
     asked_at = clock.now() - 0.001
-    left = controller.grab("left", asked_at, 1.0)
+    left = controller.eyes.grab("left", asked_at, 1.0)
     opened, stick = world.arm.base_from_tool(), world.snapshot().lying[0]
     for _ in range(2):
         clock.turn(0.1)
         controller.poll(1)
-    right = controller.grab("right", asked_at, 1.0)
+    right = controller.eyes.grab("right", asked_at, 1.0)
     later = world.arm.base_from_tool()
     assert controller.robot_state().moving
     assert right.captured_at == left.captured_at

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from vision.tracing_arms import bending, pairing
+from vision.tracing_arms import bending
+from vision.tracing_crossings import pairing
 
 
 def ways(arms: list[int]) -> Iterator[list[tuple[int, int]]]:
