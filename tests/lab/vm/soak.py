@@ -1,6 +1,7 @@
 """Runs in the virtual machine: both cameras at 30 Hz for a long time, with their owners, as a cell has them.
 
-soak.py FOLDER SECONDS: what came of it goes to ``soak.json`` in the folder.
+soak.py FOLDER SECONDS: what came of it goes to ``soak.json`` in the folder, meanwhile what was seen so far to
+``soak-so-far.json``.
 
 Every frame's number is read from its pixels. When the camera exposed that number it says itself, asked every
 20 s for all of them. Cameras are frozen for a moment at the beginning and at the end: then nothing is under
@@ -19,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera.life import OwnedCamera
+from drivers.camera_settings import V4l2CameraSettings
 from drivers.factory import Factory
 from drivers.types import Frame
 from tests.lab.vm.inside import CLOCK, EYES, Json, number, number_of, settings
@@ -86,6 +88,21 @@ class Seen:
         """This share of the frames was at most so old when handed over."""
         return float(np.searchsorted(np.cumsum(self.ages), share * self.ages.sum()) + 1) * 1e-4
 
+    def told(self) -> Json:
+        """Figures of what was handed out."""
+        return {
+            "handed_over": self.frames,
+            "unread": self.unread,
+            "repeated": self.repeated,
+            "slipped": self.slipped,
+            "unknown": self.unknown,
+            "too_new": self.too_new,
+            "age_median_s": self.age_s(0.5),
+            "age_99_s": self.age_s(0.99),
+            "age_largest_s": self.oldest_s,
+            "stamp_latest_s": self.stamp_late_s,
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Size:
@@ -97,9 +114,19 @@ class Size:
 
 
 def size() -> Size:
+    """As it is now."""
     status = Path("/proc/self/status").read_text().splitlines()
     resident = next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
     return Size(resident / 1024.0, len(list(Path("/proc/self/fd").iterdir())), threading.active_count())
+
+
+def told_sizes(sizes: list[Size]) -> Json:
+    """One list of each figure, in the order of time."""
+    return {
+        "memory_mb": [one.memory_mb for one in sizes],
+        "files": [one.files for one in sizes],
+        "threads": [one.threads for one in sizes],
+    }
 
 
 def exposed_since(port: int) -> tuple[dict[int, float], int]:
@@ -108,6 +135,26 @@ def exposed_since(port: int) -> tuple[dict[int, float], int]:
     begun = answer["begun"]
     assert isinstance(begun, dict)
     return {int(shown): float(at) for shown, at in begun.items()}, int(number(answer, "sent"))
+
+
+def opened() -> tuple[list[V4l2CameraSettings], list[OwnedCamera]]:
+    """Both cameras, ready."""
+    width_px, height_px = SMALL
+    usual: Json = {
+        "rate_hz": RATE_HZ,
+        "width_px": width_px,
+        "height_px": height_px,
+        "delay_s": DELAY_S,
+        "lost_s": LOST_S,
+    }
+    told = [settings(port, **usual) for port in (0, 1)]
+    cameras: list[OwnedCamera] = []
+    for eye, setting in zip(EYES, told, strict=True):
+        camera = Factory(CLOCK).camera(f"camera.{eye}", setting)
+        assert isinstance(camera, OwnedCamera)
+        camera.open()
+        cameras.append(camera)
+    return told, cameras
 
 
 def standstill(cameras: list[OwnedCamera]) -> list[tuple[Frame, int]]:
@@ -127,30 +174,12 @@ def standstill(cameras: list[OwnedCamera]) -> list[tuple[Frame, int]]:
     ]
 
 
-def soak(seconds: float) -> Json:
+def soak(folder: Path, seconds: float) -> Json:
     """Both cameras for that long."""
-    width_px, height_px = SMALL
-    told = [
-        settings(
-            port,
-            rate_hz=RATE_HZ,
-            width_px=width_px,
-            height_px=height_px,
-            delay_s=DELAY_S,
-            lost_s=LOST_S,
-        )
-        for port in (0, 1)
-    ]
-    cameras: list[OwnedCamera] = []
-    for eye, one in zip(EYES, told, strict=True):
-        camera = Factory(CLOCK).camera(f"camera.{eye}", one)
-        assert isinstance(camera, OwnedCamera)
-        cameras.append(camera)
+    told, cameras = opened()
     seen = [Seen(), Seen()]
     sizes: list[Size] = []
     try:
-        for camera in cameras:
-            camera.open()
         first = standstill(cameras)
         before = [camera.status().counters for camera in cameras]
         for port, (frame, _) in enumerate(first):
@@ -169,6 +198,8 @@ def soak(seconds: float) -> Json:
                 for port, one in enumerate(seen):
                     one.judge(exposed_since(port)[0], told[port].worst_delay_s)
                 sizes.append(size())
+                so_far = {"cameras": [one.told() for one in seen], "s": now - began_at, **told_sizes(sizes)}
+                (folder / "soak-so-far.json").write_text(json.dumps(so_far))
                 look_at = now + PERIOD_S
         took_s = time.monotonic() - began_at
         cpu = (time.process_time() - cpu_at) / took_s
@@ -182,7 +213,7 @@ def soak(seconds: float) -> Json:
             counters, earlier = cameras[port].status().counters, before[port]
             found.append(
                 {
-                    "handed_over": one.frames,
+                    **one.told(),
                     "frames": counters.frames - earlier.frames,
                     "dropped": counters.dropped - earlier.dropped,
                     "incomplete": counters.incomplete - earlier.incomplete,
@@ -190,15 +221,6 @@ def soak(seconds: float) -> Json:
                     "exposed": number_of(end.pixels) - number_of(start.pixels),
                     "sent_after_last": sent - number_of(end.pixels),
                     "losses": cameras[port].status().losses,
-                    "unread": one.unread,
-                    "repeated": one.repeated,
-                    "slipped": one.slipped,
-                    "unknown": one.unknown,
-                    "too_new": one.too_new,
-                    "age_median_s": one.age_s(0.5),
-                    "age_99_s": one.age_s(0.99),
-                    "age_largest_s": one.oldest_s,
-                    "stamp_latest_s": one.stamp_late_s,
                 }
             )
     finally:
@@ -208,11 +230,10 @@ def soak(seconds: float) -> Json:
         "cameras": found,
         "took_s": took_s,
         "cpu": cpu,
-        "memory_mb": [one.memory_mb for one in sizes],
-        "files": [one.files for one in sizes],
-        "threads": [one.threads for one in sizes],
+        **told_sizes(sizes),
     }
 
 
 if __name__ == "__main__":
-    (Path(sys.argv[1]) / "soak.json").write_text(json.dumps(soak(float(sys.argv[2]))))
+    where = Path(sys.argv[1])
+    (where / "soak.json").write_text(json.dumps(soak(where, float(sys.argv[2]))))
