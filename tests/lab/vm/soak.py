@@ -189,7 +189,10 @@ def soak(folder: Path, seconds: float) -> Json:
             exposed_since(port)
             tell("none", port)
         began_at, cpu_at = time.monotonic(), time.process_time()
-        look_at = began_at + WARM * seconds
+        warm_at = began_at + WARM * seconds
+        # a camera remembers 3000 exposures, 100 s: it is asked from the beginning on
+        every_s = min(PERIOD_S, WARM * seconds)
+        look_at = began_at + every_s
         while (now := time.monotonic()) < began_at + seconds:
             for one, camera in zip(seen, cameras, strict=True):
                 frame = camera.grab(newer_than=one.newest, timeout_s=5.0)
@@ -197,10 +200,11 @@ def soak(folder: Path, seconds: float) -> Json:
             if now >= look_at:
                 for port, one in enumerate(seen):
                     one.judge(exposed_since(port)[0], told[port].worst_delay_s)
-                sizes.append(size())
+                if now >= warm_at:
+                    sizes.append(size())
                 so_far = {"cameras": [one.told() for one in seen], "s": now - began_at, **told_sizes(sizes)}
                 (folder / "soak-so-far.json").write_text(json.dumps(so_far))
-                look_at = now + PERIOD_S
+                look_at = now + every_s
         took_s = time.monotonic() - began_at
         cpu = (time.process_time() - cpu_at) / took_s
         last = standstill(cameras)
