@@ -55,6 +55,7 @@ class Seen:
     oldest_s: float = 0.0
     stamp_late_s: float = 0.0
     waiting: list[tuple[int, float, float]] = field(default_factory=list)
+    under_way: dict[int, float] = field(default_factory=dict)
     ages: np.ndarray[tuple[int], np.dtype[np.int64]] = field(default_factory=lambda: np.zeros(BINS, np.int64))
 
     def take(self, frame: Frame, seen_at: float) -> None:
@@ -72,9 +73,11 @@ class Seen:
         self.waiting.append((shown, frame.captured_at, seen_at))
 
     def judge(self, exposed: dict[int, float], worst_delay_s: float) -> None:
-        """Set what came against the instants at which the camera exposed it."""
+        """Set what came against the instants at which the camera exposed it. A picture on its way when the
+        camera was asked is told of now and comes later."""
+        self.under_way.update(exposed)
         for shown, captured_at, seen_at in self.waiting:
-            at = exposed.get(shown)
+            at = self.under_way.get(shown)
             if at is None:
                 self.unknown += 1
                 continue
@@ -83,6 +86,7 @@ class Seen:
             self.oldest_s = max(self.oldest_s, seen_at - at)
             self.ages[min(BINS - 1, int((seen_at - at) * 1e4))] += 1
         self.waiting.clear()
+        self.under_way = {shown: at for shown, at in self.under_way.items() if shown > self.number}
 
     def age_s(self, share: float) -> float:
         """This share of the frames was at most so old when handed over."""
