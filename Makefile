@@ -38,8 +38,8 @@ chaos: $(VENV)/.dev  ## bad nights: picks with random faults on two simulated ce
 	$(BIN)/pytest -q -s -n 0 tests/lab/test_chaos.py --picks $(PICKS)
 
 MINUTES ?= 30
-soak-cameras: $(VENV)/.dev  ## two GigE Vision cameras at 30 frames a second, half an hour (MINUTES=N), as root
-	$(BIN)/pytest -q -s tests/lab/test_gige_soak.py --minutes $(MINUTES)
+soak-cameras: $(VENV)/.dev  ## two GigE Vision cameras at 30 frames a second, then two webcams, half an hour each (MINUTES=N), as root
+	$(BIN)/pytest -q -s -n 0 -rs tests/lab/test_gige_soak.py tests/lab/test_v4l2_soak.py --minutes $(MINUTES)
 
 check: $(VENV)/.dev  ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .

@@ -20,6 +20,7 @@ from vision.edges import Edges, edges
 from vision.empty import put_there, side_of
 from vision.explain import Frame, explain
 from vision.foreground import Foreground, stands_out
+from vision.ghosts import below_ghosts
 from vision.glance import at_first_sight
 from vision.jit import steady
 from vision.offer import Offered, candidates, unexplained
@@ -149,7 +150,10 @@ def locate_default(
     over = crossed(measured.parts, measured.covariance, found.chosen, found.state, frame)
     off_px = offset.px if offset.significant else 0.0
     ahead = lead(found, sizes)
-    offered = candidates(measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead)
+    haunted = below_ghosts(found, measured.parts, frame)
+    offered = candidates(
+        measured, found, over, frame, tuning, table, colour_left, off_px, sizes, ahead, haunted
+    )
     tell("retrieve", offered.candidates)
     scene = _scene(offered, measured, pictures, frame, pool, off_px)
     if offset.ends < LEAST_ENDS:

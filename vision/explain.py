@@ -99,7 +99,8 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
             choice.greedy(now, chosen)
         if turn == ROUNDS - 1:
             choice.deepen(now, chosen, DEEP_MARGIN * 2 * frame.length_px, DEEP_TRIALS)
-        if turn == ROUNDS - 1:
+            # what was exchanged in one place may have made room for a better one in another
+            choice.deepen(now, chosen, 0.0, DEEP_TRIALS)
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
         seen = joined(seen, traits(added, left, right, LONGEST_LENGTHS * frame.length_px))

@@ -28,7 +28,7 @@ from drivers.errors import DriverError
 from drivers.factory import Factory
 from drivers.timing import MonotonicClock
 from drivers.types import Frame, Pixels
-from tests.lab.vm.numbered import BITS
+from tests.lab.vm.numbered import BITS, rows_of_number
 from tests.lab.vm.webcam import tell
 
 CLOCK = MonotonicClock()
@@ -70,8 +70,10 @@ def source(port: int, **changed: object) -> Source:
 
 def number_of(pixels: Pixels) -> int:
     """The number a camera wrote into its picture; -1 when it cannot be read."""
-    row = pixels[-16:, : 2 * BITS * 16].reshape(16, 2 * BITS, 16, -1)[4:12, :, 4:12].mean(axis=(0, 2, 3))
-    ones = row > 60.0
+    wide = pixels.shape[1] // 16
+    rows = rows_of_number(pixels.shape[1])
+    blocks = pixels[-16 * rows :, : 16 * wide].reshape(rows, 16, wide, 16, -1)[:, 4:12, :, 4:12]
+    ones = blocks.mean(axis=(1, 3, 4)).reshape(-1)[: 2 * BITS] > 60.0
     if np.any(ones[:BITS] == ones[BITS:]):
         return -1
     return int(sum(1 << n for n in range(BITS) if ones[n]))

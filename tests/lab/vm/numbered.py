@@ -1,9 +1,10 @@
 """Pictures that carry their number, put together without decoding. Standard library only.
 
 A folder holds ``<exposure>.jpg`` (what a camera sees at an exposure in units of 100 us; the nearest is
-served), made with a restart marker after every block of 16x16 pixels, ``cells.jpg`` (one dark and one bright
-block, made alike) and ``raw.yuyv``. Into each picture its number is written, by which a test tells whether it
-is a new one: 20 bits and their complement, dark and bright blocks in the last row.
+served), made with a restart marker after every block of 16x16 pixels, the same small in the folder
+``small``, ``cells.jpg`` (one dark and one bright block, made alike) and ``raw.yuyv``. Into each picture its
+number is written, by which a test tells whether it is a new one: 20 bits and their complement, dark and
+bright blocks in as many of the last rows as they take (one at 640 pixels' width, four at 176).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import struct
 from pathlib import Path
 
 WIDTH, HEIGHT = 640, 480
+SMALL = (176, 144)
 RAW_BYTES = WIDTH * HEIGHT * 2
 BITS = 20
 
@@ -49,23 +51,35 @@ class Pictures:
     """What one camera sees."""
 
     def __init__(self, folder: Path) -> None:
-        cells = Jpeg((folder / "cells.jpg").read_bytes())
-        self.dark, self.bright = cells.blocks[0], cells.blocks[1]
-        self.by_exposure: dict[int, bytes] = {}
+        self.cells = Jpeg((folder / "cells.jpg").read_bytes())
+        self.large = self._by_exposure(folder, WIDTH)
+        self.small = self._by_exposure(folder / "small", SMALL[0])
+        self.raw = (folder / "raw.yuyv").read_bytes()
+
+    def _by_exposure(self, folder: Path, width: int) -> dict[int, tuple[bytes, int, int]]:
+        """Of each picture what comes before the number, how many blocks that are, and how many follow."""
+        left = rows_of_number(width) * (width // 16)
+        found = {}
         for file in folder.glob("[0-9]*.jpg"):
             picture = Jpeg(file.read_bytes())
-            last = len(picture.blocks) - WIDTH // 16
-            before = picture.head + picture.joined(0, picture.blocks[:last])
-            self.last = last
-            self.by_exposure[int(file.stem)] = before
-        self.raw = (folder / "raw.yuyv").read_bytes()
-        self.join = cells.joined
+            first = len(picture.blocks) - left
+            before = picture.head + picture.joined(0, picture.blocks[:first])
+            found[int(file.stem)] = before, first, left
+        return found
 
-    def jpeg(self, exposure: int, number: int) -> bytes:
+    def jpeg(self, exposure: int, number: int, *, small: bool = False) -> bytes:
         """The picture at the nearest exposure, with its number."""
-        nearest = min(self.by_exposure, key=lambda one: abs(one - exposure))
-        cells = [self.bright if bit else self.dark for bit in bits(number)]
-        return self.by_exposure[nearest] + self.join(self.last, cells) + b"\xff\xd9"
+        pictures = self.small if small else self.large
+        before, first, left = pictures[min(pictures, key=lambda one: abs(one - exposure))]
+        dark, bright = self.cells.blocks
+        blocks = [bright if bit else dark for bit in bits(number)]
+        blocks += [dark] * (left - len(blocks))
+        return before + self.cells.joined(first, blocks) + b"\xff\xd9"
+
+
+def rows_of_number(width: int) -> int:
+    """Of blocks, at the lower edge of a picture this wide."""
+    return -(-2 * BITS // (width // 16))
 
 
 def bits(number: int) -> list[int]:

@@ -16,6 +16,7 @@ from drivers.sim.optics import calibration_text, eyes
 from drivers.sim.render import Lighting, Renderer
 from drivers.sim.world import World
 from drivers.types import Pixels
+from tests.lab.vm.numbered import SMALL
 
 ROOT: Final = Path(__file__).parents[3]
 WORLD: Final = ROOT / "configs" / "demo" / "world.yaml"
@@ -57,9 +58,12 @@ def make(folder: Path) -> Scenery:
 
 
 def _write(folder: Path, picture: Pixels) -> None:
+    (folder / "small").mkdir()
     for exposure in EXPOSURES:
-        exposed = cv2.convertScaleAbs(picture, alpha=exposure / RIGHT_EXPOSURE)
-        (folder / f"{exposure}.jpg").write_bytes(_jpeg(np.asarray(exposed, np.uint8)))
+        exposed = np.asarray(cv2.convertScaleAbs(picture, alpha=exposure / RIGHT_EXPOSURE), np.uint8)
+        (folder / f"{exposure}.jpg").write_bytes(_jpeg(exposed))
+        small = np.asarray(cv2.resize(exposed, SMALL, interpolation=cv2.INTER_AREA), np.uint8)
+        (folder / "small" / f"{exposure}.jpg").write_bytes(_jpeg(small))
     cells = np.full((16, 32, 3), DARK, np.uint8)
     cells[:, 16:] = BRIGHT
     (folder / "cells.jpg").write_bytes(_jpeg(cells))

@@ -20,7 +20,7 @@ import threading
 import time
 from pathlib import Path
 
-from tests.lab.vm.numbered import HEIGHT, RAW_BYTES, WIDTH, Pictures
+from tests.lab.vm.numbered import HEIGHT, RAW_BYTES, SMALL, WIDTH, Pictures
 
 WHERE = "/tmp/webcams.sock"
 VHCI = Path("/sys/devices/platform/vhci_hcd.0")
@@ -28,6 +28,8 @@ HZ = 10_000_000
 """Intervals are counted in 100 ns."""
 MJPG, YUYV = 1, 2
 INTERVALS = {MJPG: (HZ // 30, HZ // 15, HZ // 5), YUYV: (HZ // 5,)}
+LARGE_FRAME, SMALL_FRAME = 1, 2
+"""Sizes of MJPG, by their number in the descriptors; YUYV has the large one only."""
 TERMINAL, PROCESSING, OUTPUT = 1, 2, 3
 CLOCK_HZ = 48_000_000
 
@@ -64,15 +66,18 @@ def _descriptors(serial: int) -> tuple[bytes, bytes, dict[int, str]]:
     def u16(value: int) -> bytes:
         return struct.pack("<H", value)
 
-    def frame(kind: int, intervals: tuple[int, ...]) -> bytes:
-        body = bytes((0x24, kind, 1, 0)) + struct.pack("<HH", WIDTH, HEIGHT)
-        body += struct.pack("<III", RAW_BYTES * 8 * 5, RAW_BYTES * 8 * 30, RAW_BYTES)
+    def frame(kind: int, intervals: tuple[int, ...], number: int = LARGE_FRAME) -> bytes:
+        width, height = SMALL if number == SMALL_FRAME else (WIDTH, HEIGHT)
+        raw_bytes = width * height * 2
+        body = bytes((0x24, kind, number, 0)) + struct.pack("<HH", width, height)
+        body += struct.pack("<III", raw_bytes * 8 * 5, raw_bytes * 8 * 30, raw_bytes)
         body += struct.pack("<IB", intervals[0], len(intervals))
         body += b"".join(struct.pack("<I", one) for one in intervals)
         return bytes((len(body) + 1,)) + body
 
     colour = bytes((6, 0x24, 13, 1, 1, 4))
-    mjpg = bytes((11, 0x24, 6, MJPG, 1, 1, 1, 0, 0, 0, 0)) + frame(7, INTERVALS[MJPG]) + colour
+    sizes = frame(7, INTERVALS[MJPG]) + frame(7, INTERVALS[MJPG], SMALL_FRAME)
+    mjpg = bytes((11, 0x24, 6, MJPG, 2, 1, 1, 0, 0, 0, 0)) + sizes + colour
     yuy2 = b"YUY2" + bytes((0, 0, 0x10, 0, 0x80, 0, 0, 0xAA, 0, 0x38, 0x9B, 0x71))
     yuyv = (
         bytes((27, 0x24, 4, YUYV, 1)) + yuy2 + bytes((16, 1, 0, 0, 0, 0)) + frame(5, INTERVALS[YUYV]) + colour
@@ -104,7 +109,7 @@ class Webcam:
         self.waiting: list[tuple[int, int]] = []
         self.plugged = False
         self.fault = ""
-        self.sent = self.handed = 0
+        self.sent = self.handed = self.told = 0
         self.begun: dict[int, float] = {}
         self.controls = controls()
         self.probe = bytearray(26)
@@ -216,11 +221,14 @@ class Webcam:
             return None
         return {0: b"\0\0", 8: b"\1", 10: b"\0"}.get(request, b"")
 
-    def _negotiate(self, form: int, interval: int) -> None:
+    def _negotiate(self, form: int, interval: int, frame: int = LARGE_FRAME) -> None:
         nearest = min(INTERVALS[form], key=lambda one: abs(one - interval))
-        self.form, self.interval = form, nearest
+        small = form == MJPG and frame == SMALL_FRAME
+        self.form, self.interval, self.small = form, nearest, small
+        most = SMALL[0] * SMALL[1] * 2 if small else RAW_BYTES
+        frame = SMALL_FRAME if small else LARGE_FRAME
         self.probe = bytearray(
-            struct.pack("<HBBIHHHHHII", 1, form, 1, nearest, 0, 0, 0, 0, 0, RAW_BYTES, RAW_BYTES + 12)
+            struct.pack("<HBBIHHHHHII", 1, form, frame, nearest, 0, 0, 0, 0, 0, most, most + 12)
         )
 
     def _negotiation(self, selector: int, request: int, out: bytes) -> bytes | None:
@@ -229,7 +237,7 @@ class Webcam:
         if request == 0x01:
             form, interval = out[2], struct.unpack("<I", out[4:8])[0]
             with self.news:
-                self._negotiate(form if form in INTERVALS else MJPG, interval or INTERVALS[MJPG][0])
+                self._negotiate(form if form in INTERVALS else MJPG, interval or INTERVALS[MJPG][0], out[3])
             return b""
         return {0x86: b"\x03", 0x85: struct.pack("<H", 26)}.get(request, bytes(self.probe))
 
@@ -246,7 +254,7 @@ class Webcam:
             return self.pictures.raw
         by_hand = self.controls[AUTO_EXPOSURE].value == 1
         exposure = self.controls[EXPOSURE].value if by_hand else self.controls[EXPOSURE].usual
-        content = self.pictures.jpeg(exposure, self.sent)
+        content = self.pictures.jpeg(exposure, self.sent, small=self.small)
         return content[: len(content) // 2] if fault == "short" else content
 
     def _stream(self, link: socket.socket) -> None:
@@ -304,17 +312,25 @@ def _exactly(link: socket.socket, count: int) -> bytes:
 
 
 def obey(cameras: list[Webcam], order: str, which: int) -> dict[str, object]:
-    """``plug``, ``unplug``, ``state``, or a fault: ``frozen``, ``stuck``, ``short``, ``spoilt``, ``none``."""
+    """``plug``, ``unplug``, ``state``, ``exposed``, or a fault: ``frozen``, ``stuck``, ``short``, ``spoilt``,
+    ``none``.
+
+    Told with each: when the last 3000 pictures were exposed; with ``exposed`` those since the last such order
+    only, which costs less.
+    """
     camera = cameras[which]
     at = time.monotonic()
     if order == "plug":
         camera.plug()
     elif order == "unplug":
         camera.unplug()
-    elif order != "state":
+    elif order not in ("state", "exposed"):
         camera.fault = "" if order == "none" else order
     values = {f"{unit}.{selector}": control.value for (unit, selector), control in camera.controls.items()}
     begun = dict(camera.begun)
+    if order == "exposed":
+        begun = {number: at for number, at in begun.items() if number > camera.told}
+        camera.told = max(begun, default=camera.told)
     return {
         "at": at,
         "sent": camera.sent,

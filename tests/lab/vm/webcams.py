@@ -16,7 +16,7 @@ from tests.lab.vm.machine import ROOT, Machine
 
 CODE: Final = "/lab/code"
 _INSIDE: Final = f"{CODE}/tests/lab/vm"
-_SERVE_S: Final = 1800.0
+_SERVE_S: Final = 24 * 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +30,12 @@ class Webcams:
     def work(self, *tasks: str, timeout_s: float) -> None:
         """Run tasks of ``inside.py`` in the machine; `told` has what came of each."""
         self.machine.must("python3", f"{_INSIDE}/inside.py", "/lab/out", *tasks, timeout_s=timeout_s)
+
+    def soak(self, seconds: float, timeout_s: float) -> dict[str, object]:
+        """Run ``soak.py`` in the machine; what came of it."""
+        command = ("python3", f"{_INSIDE}/soak.py", "/lab/out", f"{seconds:g}")
+        self.machine.must(*command, timeout_s=timeout_s)
+        return self.told("soak")
 
     def told(self, task: str) -> dict[str, object]:
         """What came of one task."""

@@ -23,6 +23,7 @@ from vision.offer import (
     VAGUE_DIAMETERS,
     WIDTH_SHARE,
     Offered,
+    _barely_seen,
     candidates,
     unexplained,
 )
@@ -235,6 +236,27 @@ def test_more_evidence_is_never_a_lower_score(first: float, second: float) -> No
     ]
 
     assert 0.0 <= scores[0] <= scores[1] <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("missing", "doubt"), [("ends", 0.3), ("two ends", 0.06), ("flanks", 0.3), ("one end", 0.0)]
+)
+def test_what_is_barely_seen_is_in_doubt(missing: str, doubt: float) -> None:
+    seen, row = ONE.seen, ONE.chosen[0]
+    tips, flanks = seen.tip_value.copy(), seen.value.copy()
+    tips[row] = 1.0
+    match missing:
+        case "ends":
+            tips[row, 1] = 0.0
+        case "two ends":
+            tips[row, :, 0] = 0.0
+        case "one end":
+            tips[row, 0, 1] = 0.0
+        case "flanks":
+            flanks[row, 0, : int(0.6 * seen.count[row, 0]), 1] = 0.0
+    found = replace(ONE, seen=replace(seen, tip_value=tips, value=flanks))
+
+    assert _barely_seen(found) == pytest.approx([doubt])
 
 
 def painted(bgr: tuple[int, int, int]) -> npt.NDArray[np.uint8]:
