@@ -80,11 +80,6 @@ def read(path: Path) -> dict[str, Json]:
     return data
 
 
-def amend(path: Path, changes: dict[str, Json]) -> None:
-    """Add keys to a calibration file or replace them; everything else stays, the checksum is renewed."""
-    write(path, read(path) | changes)
-
-
 def export_opencv(path: Path, fields: dict[str, Json]) -> None:
     """Write the geometry as OpenCV's YAML: K1 D1 K2 D2 R T in the units of the file, image size, T_base_cam.
 

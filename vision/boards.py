@@ -109,7 +109,7 @@ class Corners:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoardPose:
-    """Where a board lies: ``camera_from_board``, with ``residuals_px`` (N, 2) seen minus expected.
+    """Where a board lies: ``camera_from_board``, and the error ``rms_px`` of its corners there.
 
     ``rival_rms_px`` is the error of the other pose a flat board may be seen in (its mirror image in depth);
     near ``rms_px`` the tilt is not certain. Infinite where there is no other.
@@ -118,7 +118,6 @@ class BoardPose:
     camera_from_board: Transform
     rms_px: float
     rival_rms_px: float
-    residuals_px: Floats
 
 
 def corner_points(board: Board, ids: npt.ArrayLike | None = None) -> Floats:
@@ -188,18 +187,18 @@ def board_pose(corners: Corners, board: Board, camera: CameraModel) -> BoardPose
     _, turns, shifts, _ = cv2.solvePnPGeneric(
         points, pixels, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_IPPE
     )
-    answers: list[tuple[float, Transform, Floats]] = []
+    answers: list[tuple[float, Transform]] = []
     for turn, shift in zip(turns, shifts, strict=True):
         turn, shift = cv2.solvePnPRefineLM(points, pixels, camera.matrix, camera.distortion, turn, shift)
         seen, _ = cv2.projectPoints(points, turn, shift, camera.matrix, camera.distortion)
         off = pixels - np.asarray(seen, dtype=np.float64).reshape(-1, 2)
         rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         if np.isfinite(rms) and float(np.asarray(shift).reshape(-1)[2]) > 0:
-            answers.append((rms, make(np.asarray(turn).reshape(3), shift), off))
+            answers.append((rms, make(np.asarray(turn).reshape(3), shift)))
     if not answers:
         raise ValueError("no pose of the board explains its corners")
     answers.sort(key=lambda answer: answer[0])
-    rms, pose, off = answers[0]
+    rms, pose = answers[0]
     rivals = [
         answer[0]
         for answer in answers[1:]
@@ -209,7 +208,6 @@ def board_pose(corners: Corners, board: Board, camera: CameraModel) -> BoardPose
         camera_from_board=pose,
         rms_px=rms,
         rival_rms_px=min(rivals, default=float("inf")),
-        residuals_px=read_only(off),
     )
 
 

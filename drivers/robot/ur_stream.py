@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.errors import CommandRejected, DeviceTimeout, DeviceUnavailable, StaleData
-from drivers.robot.rtde import Connection, Kind, Recipe, RtdeError, Value, Version
+from drivers.robot.rtde import NOT_FOUND, Connection, Kind, Recipe, RtdeError, Value, Version
 from drivers.robot.ur_codes import may_move, safety_of
 from drivers.timing import Clock, StopToken
 from drivers.types import SafetyMode, Six, Three
@@ -245,7 +245,7 @@ class UrStream:
         if not recipe.usable:
             raise CommandRejected(
                 self._name,
-                f"PolyScope {self.version} does not tell {', '.join(recipe.missing('NOT_FOUND'))}; "
+                f"PolyScope {self.version} does not tell {', '.join(recipe.missing(NOT_FOUND))}; "
                 "update it to 5.6 or later",
             )
         self._recipe = recipe

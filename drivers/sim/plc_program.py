@@ -65,8 +65,6 @@ class OrderRecord:
     quantity: int | None = None
     confidence: float | None = None
     cycle_time_s: float | None = None
-    accepted_at: float | None = None
-    result_at: float | None = None
     closed_at: float | None = None
     boot_id: int | None = None
 
@@ -229,7 +227,6 @@ class PlcProgram:
         if status.accepted_seq == order.seq:
             order.ack_code, order.boot_id = status.ack_code, status.boot_id
             if status.ack_code == 0:
-                order.accepted_at = now
                 self._tell("accepted", now, ("seq", order.seq))
                 self._go(Chain.WAIT_RESULT, now)
                 return
@@ -251,7 +248,7 @@ class PlcProgram:
         if status.result_valid and status.result_seq == order.seq:
             order.code, order.detail = status.result_code, status.result_detail
             order.quantity, order.confidence = status.quantity, status.confidence
-            order.cycle_time_s, order.result_at = status.cycle_time_s, now
+            order.cycle_time_s = status.cycle_time_s
             self._tell("result", now, ("seq", order.seq), ("code", order.code), ("detail", order.detail))
             self._acknowledge(order.seq)
             self._refusals = 0

@@ -22,7 +22,6 @@ from drivers.sim.ur_program import STEP_S, ControlProgram, Cycles, ScriptDied, l
 from drivers.sim.ur_script import ControlScript, LineProgram, SetOutput, Write, read
 
 REGISTERS = 48
-OUTPUT_BITS = 18  # 8 standard, 8 configurable, 2 of the tool
 UNLOCK_AFTER_S = 5.0
 PROGRAM_STOP_S = 0.1
 """A stopped program brings the arm to rest within this time. Assumed."""

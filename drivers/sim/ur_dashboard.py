@@ -42,7 +42,6 @@ class Dashboard:
     def __init__(self, core: Core, files: frozenset[str] = frozenset({"default.urp"})) -> None:
         self._core, self._files = core, files
         self._operational_mode = "NONE"
-        self.popup: str | None = None
         self._questions: dict[str, Callable[[], str]] = {
             "running": lambda: f"Program running: {str(core.runtime is Runtime.PLAYING).lower()}",
             "robotmode": lambda: f"Robotmode: {core.mode.name}",
@@ -60,8 +59,8 @@ class Dashboard:
             "get operational mode": lambda: self._operational_mode,
             "isprogramsaved": lambda: f"true {core.loaded or '<unnamed>'}",
             "savelog": lambda: "Log saved to disk",
-            "close popup": lambda: self._close_popup("closing popup"),
-            "close safety popup": lambda: self._close_popup("closing safety popup"),
+            "close popup": lambda: "closing popup",
+            "close safety popup": lambda: "closing safety popup",
             "clear operational mode": lambda: self._operational(
                 "NONE", "No longer controlling the operational mode. Current operational mode: 'NONE'."
             ),
@@ -103,7 +102,6 @@ class Dashboard:
             case "load":
                 return NOT_IN_LOCAL if not self._core.remote else self._load(text)
             case "popup":
-                self.popup = text
                 return "showing popup"
             case "addtolog" if text:
                 self._core.note(f"addToLog {text}")
@@ -116,10 +114,6 @@ class Dashboard:
 
     def _version(self) -> str:
         return ".".join(map(str, self._core.version)) + ".0"
-
-    def _close_popup(self, said: str) -> str:
-        self.popup = None
-        return said
 
     def _operational(self, mode: str, said: str) -> str:
         self._operational_mode = mode

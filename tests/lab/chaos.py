@@ -77,7 +77,6 @@ class Observer:
         self.shown = 0
         self.boot = -1
         self.strange: list[str] = []
-        self.publications = 0
 
     def wrote(self, status: PlcOutputs) -> bool:
         """Runs in the PLC's server for every write of the cell, before the PLC's own program sees it."""
@@ -86,7 +85,6 @@ class Observer:
         )
         self.valid, self.shown, self.boot = status.result_valid, status.result_seq, status.boot_id
         if edge:
-            self.publications += 1
             order = self.orders.get(status.result_seq)
             if order is None:
                 self.strange.append(f"a result of {status.result_seq}, which was never ordered")
@@ -116,7 +114,6 @@ class Night:
         self.stuck = 0
         self.room: Callable[[], object] | None = None
         self.balance: dict[str, int] = {}
-        self._stack = stack
         self._plc_port = free_port()
         self._plc_stack = ExitStack()
         self.plc = self._new_plc()

@@ -37,7 +37,6 @@ from gi.repository import Aravis, GLib  # noqa: E402 - the version has to be ask
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
 _CLONE_NEWNET: Final = 0x40000000
-MONO8: Final = 0x01080001
 MONO16: Final = 0x01100007
 RGB8: Final = 0x02180014
 BAYERS: Final = {0x01080008: "GR", 0x01080009: "RG", 0x0108000A: "GB", 0x0108000B: "BG"}
