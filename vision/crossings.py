@@ -91,18 +91,6 @@ def laid(parts: Floats, frame: Frame) -> Floats:
     return np.ascontiguousarray(points @ np.stack([along, np.cross(up, along), up]).T)
 
 
-def some_crossed(found: Crossed, count: int) -> Crossed:
-    """The crossings among the first ``count`` parts only."""
-    return Crossed(
-        above=found.above[:count, :count],
-        sure=found.sure[:count, :count],
-        place=found.place[:count, :count],
-        gap=found.gap[:count, :count],
-        middle=found.middle[:count, :count],
-        beside=found.beside[:count, :count],
-    )
-
-
 def ranked(found: Crossed, worth: Floats, offered: list[bool], unsure: Floats) -> list[int]:
     """Parts in the order in which they can be taken: always the one with the fewest others on it, as far as
     can be expected, and of these the best.

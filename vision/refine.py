@@ -9,7 +9,6 @@ length and a weak belief that parts lie flat are two more observations.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from vision.edges import Ids, Reals
 from vision.flank import Counts, nearest_edge, tip_offset
@@ -34,8 +33,6 @@ DAMPING = 0.3
 LONGEST_STEP_PX = 3.0
 SEARCHED, MOST_SAMPLES = 2, 1024
 """In how many first rounds edges are looked up anew, then in every second; how many places of an axis."""
-
-Bytes = npt.NDArray[np.uint8]
 
 
 @compiled

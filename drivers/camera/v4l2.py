@@ -23,6 +23,8 @@ from drivers.types import Frame
 
 _RATE_TOLERANCE: Final = 0.01
 _SHOWN_OFFERS: Final = 12
+_LATE: Final = 64
+"""A picture at most so many numbers back was overtaken; a longer way back the device counts anew."""
 
 Opener = Callable[[Path], VideoDevice]
 
@@ -160,8 +162,12 @@ class V4l2Source:
         """Empty the queue; its last good picture. The others count as dropped or incomplete."""
         newest: Filled | None = None
         while (filled := device.take()) is not None:
-            if self._last_sequence is not None:
-                self._dropped += (filled.sequence - self._last_sequence - 1) & 0xFFFFFFFF
+            step = 1 if self._last_sequence is None else _step(self._last_sequence, filled.sequence)
+            if -_LATE < step <= 0:
+                # the kernel fills buffers side by side: overtaken by a later one, and counted as lost then
+                continue
+            # a long way back: the numbers began anew
+            self._dropped += max(0, step - 1)
             self._last_sequence = filled.sequence
             if filled.spoilt:
                 self._incomplete += 1
@@ -197,3 +203,8 @@ class V4l2Source:
         told = explained(self._name, self._settings.device, "take a picture from", error)
         # whatever it is, this stream is over
         return DeviceUnavailable(self._name, told.detail)
+
+
+def _step(last: int, now: int) -> int:
+    """How far a picture's number of 32 bits is ahead of another's; negative: behind it."""
+    return (now - last + 0x80000000 & 0xFFFFFFFF) - 0x80000000

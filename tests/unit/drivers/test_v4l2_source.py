@@ -210,6 +210,33 @@ def test_numbers_that_start_again_from_nothing_are_no_loss_at_the_wrap() -> None
     assert one.counters().dropped == 0
 
 
+def test_an_overtaken_picture_is_counted_once_and_never_comes_after_a_later_one() -> None:
+    device = ScriptedDevice()
+    one = source(device)
+    one.start()
+    came = []
+    # 101 arrives after 102, as where a kernel fills buffers side by side; 103 comes twice
+    for waiting in ((100,), (102,), (101,), (103,), (103, 104)):
+        device.ready.extend(filled(sequence) for sequence in waiting)
+        frame = one.next(0.05)
+        came.append(None if frame is None else frame.sequence)
+    assert came == [100, 102, None, 103, 104]
+    told = one.counters()
+    assert (told.frames, told.dropped) == (4, 1)
+
+
+def test_numbers_that_begin_anew_without_a_wrap_stop_nothing() -> None:
+    device = ScriptedDevice()
+    one = source(device)
+    one.start()
+    for sequence in (5000, 5001, 0, 1, 3):
+        device.ready.append(filled(sequence))
+        frame = one.next(1.0)
+        assert frame is not None
+        assert frame.sequence == sequence
+    assert one.counters().dropped == 1
+
+
 def test_a_picture_cut_short_is_counted_and_the_wait_goes_on_to_its_end() -> None:
     device = ScriptedDevice()
     one = source(device)
