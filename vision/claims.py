@@ -185,10 +185,7 @@ def gain_of(h: int, s: State) -> float:
 
 @compiled
 def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
-    """Samples of h that lie under the outline of k, first and behind the last, and how far k is above there.
-
-    Above is a difference of disparities, px.
-    """
+    """Samples of h under the outline of k, first and behind the last; k's disparity less h's there, px."""
     xa, ya = s.ends[k, view, 0], s.ends[k, view, 1]
     dx, dy = s.ends[k, view, 2] - xa, s.ends[k, view, 3] - ya
     size_k = np.hypot(dx, dy)
