@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import Reals
-from vision.jit import compiled
+from vision.jit import compiled, inlined
 from vision.types import Floats, Ints
 
 FLANK_SIGMA_PX, FLANK_PX = 0.8, 2.0
@@ -127,7 +127,7 @@ def along(
     return total, tips
 
 
-@compiled
+@inlined
 def window_value(
     total: Floats, tips: Reals, line: int, reach: int, a: float, b: float, tip: float, beyond: int
 ) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from vision.along import NOTHING, window_value
 from vision.edges import Reals
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.refine import DA, DB, SCORE, XA, XB, YA, YB
 from vision.types import Floats
 
@@ -45,7 +45,7 @@ def wide(lines: Floats, tips: Reals) -> Reals:
     return found
 
 
-@compiled
+@lean
 def slanted(
     left: Floats, i: int, total: Floats, wide: Reals, alone: Floats, reach: int, focal: float,
     baseline: float, cx: float, cy: float, planes: Floats, length: float, length_px: float, tip: float,
@@ -70,7 +70,7 @@ def slanted(
                 value[s + reach, slant] = first
 
 
-@compiled
+@lean
 def _reaches(
     lines: Floats, i: int, s: float, rise: float, focal: float, cx: float, cy: float, length: float
 ) -> float:

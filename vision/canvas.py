@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import lean
 from vision.stereo import Rectification, Side, rectification, rectify_points, unrectify_points
 from vision.types import Floats, Plane, StereoModel, read_only
 
@@ -78,7 +78,7 @@ def _grid(width_px: int, height_px: int) -> Floats:
     return np.stack(np.meshgrid(columns, rows), axis=-1)
 
 
-@compiled
+@lean
 def through_grid(grid: Floats, x: float, y: float) -> tuple[float, float]:
     """A point through one of the canvas' grids; outside the picture the border cell is continued."""
     gx, gy = x / GRID_PX, y / GRID_PX
@@ -99,7 +99,7 @@ def points_through_grid(grid: Floats, points_px: Floats) -> Floats:
     return moved
 
 
-@compiled
+@lean
 def _move_through_grid(grid: Floats, points_px: Floats) -> None:
     for row in range(len(points_px)):
         points_px[row] = through_grid(grid, points_px[row, 0], points_px[row, 1])

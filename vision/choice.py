@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, relate, take
-from vision.jit import compiled
-from vision.types import Bools
+from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, lay, lift, relate, take
+from vision.jit import compiled, lean
+from vision.types import Bools, Floats, Ints
 
 ACCEPT_LENGTHS, KEEP_LENGTHS = 0.15, 0.15
 """Least gain of a part that is taken, and that stays, in part lengths and view."""
@@ -40,7 +40,7 @@ def promising(s: State) -> Bools:
     return keep
 
 
-@compiled
+@lean
 def _same_place(s: State, h: int, k: int) -> bool:
     """Whether two hypotheses show nearly the same stretch of both pictures."""
     for view in range(2):
@@ -109,22 +109,6 @@ def exchange(s: State, chosen: Bools) -> bool:
 
 
 @compiled
-def energy(s: State, chosen: Bools) -> float:
-    """The sum of all gains, parts taken from the nearest to the farthest; the state ends as it began."""
-    count = len(chosen)
-    alive = np.zeros(count, np.bool_)
-    rows = np.flatnonzero(chosen)
-    order = rows[np.argsort(-(s.disparity[rows, 0] + s.disparity[rows, 1]))]
-    for k in order:
-        give_back(s, k)
-    total = 0.0
-    for k in order:
-        total += gain_of(k, s)
-        take(s, k, alive)
-    return total
-
-
-@compiled
 def deepen(s: State, chosen: Bools, margin: float, most: int) -> int:
     """Exchanges that look worse at first: a rival is forced in, its surroundings are chosen anew, and the
     exchange stays where the sum of all gains about it has risen. Returns how many stayed."""
@@ -173,7 +157,7 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
             about[s.near[at_near]] = True
     about[i] = True
     about[k] = True
-    before = _local(s, chosen, about)
+    before = energy(s, chosen, about)
     was = chosen.copy()
     relate(s, k)
     give_back(s, i)
@@ -201,7 +185,7 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
         chosen[best] = True
         alive[best] = False
         take(s, best, alive)
-    if _local(s, chosen, about) > before + LEAST_RISE * s.size_px:
+    if energy(s, chosen, about) > before + LEAST_RISE * s.size_px:
         return 1
     for j in range(count):
         if chosen[j] and not was[j]:
@@ -214,16 +198,27 @@ def _try(s: State, chosen: Bools, i: int, k: int) -> int:
 
 
 @compiled
-def _local(s: State, chosen: Bools, about: Bools) -> float:
+def energy(s: State, chosen: Bools, about: Bools) -> float:
     """Sum of the gains of the chosen parts in a place, nearest first, all others as they are."""
-    count = len(chosen)
-    nobody = np.zeros(count, np.bool_)
-    rows = np.flatnonzero(chosen & about)
+    among = chosen & about
+    rows = np.flatnonzero(among)
     order = rows[np.argsort(-(s.disparity[rows, 0] + s.disparity[rows, 1]))]
     for k in order:
-        give_back(s, k)
+        lift(s, k, among)
     total = 0.0
     for k in order:
         total += gain_of(k, s)
-        take(s, k, nobody)
+        lay(s, k, among)
     return total
+
+
+@compiled
+def margins(s: State, rows: Ints) -> Floats:
+    """(C,) what each of the chosen parts adds to all others."""
+    nobody = np.zeros(len(s.gain), np.bool_)
+    found = np.empty(len(rows))
+    for place in range(len(rows)):
+        give_back(s, rows[place])
+        found[place] = gain_of(rows[place], s)
+        take(s, rows[place], nobody)
+    return found

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
 from vision.flank import Counts
-from vision.jit import compiled
+from vision.jit import compiled, inlined, lean
 from vision.traits import BEYOND, LANES, Traits, claimed_edges
 from vision.types import Bools, Floats, Ints
 
@@ -69,6 +69,7 @@ class State(NamedTuple):
     spans: npt.NDArray[np.int16]
     rival: Bools
     related: Bools
+    hidden: npt.NDArray[np.uint8]
     size_px: float
     width_px: float
     diameter: float
@@ -114,22 +115,23 @@ def state(
         taken_l=np.zeros(len(left.table) + 1, np.uint16), taken_r=np.zeros(len(right.table) + 1, np.uint16),
         disparity=np.ascontiguousarray(hypotheses[:, [3, 6]]), space=np.ascontiguousarray(space), prior=prior,
         soft=np.zeros(n), hard=np.zeros(n, np.int64),
-        covers=np.zeros((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
-        claims=np.zeros((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
+        covers=np.empty((n, 2, MOST_COVERS, 4), np.int32), covered=np.zeros((n, 2), np.int64),
+        claims=np.empty((n, 2, longest), np.int64), claim_count=np.full((n, 2), -1, np.int64),
         gain=np.zeros(n), near_at=near_at, near=near,
-        pair=np.zeros((len(near), 4), np.float32), spans=np.zeros((len(near), 2, 2), np.int16),
+        pair=np.empty((len(near), 4), np.float32), spans=np.empty((len(near), 2, 2), np.int16),
         rival=np.zeros(len(near), np.bool_), related=np.zeros(n, np.bool_),
+        hidden=np.zeros(seen.value.shape[2], np.uint8),
         size_px=length_px, width_px=width_px, diameter=diameter_m, step_d=diameter_d,
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def gain_of(h: int, s: State) -> float:
     """What a hypothesis adds to what is chosen, in px of evidence."""
     if s.hard[h] > 0:
         return NEVER
     total = s.prior[h] - s.soft[h]
-    hidden = np.zeros(s.value.shape[2], np.uint8)
+    hidden = s.hidden
     for view in range(2):
         taken = s.taken_l if view == 0 else s.taken_r
         steps = s.samples[h, view]
@@ -183,7 +185,7 @@ def gain_of(h: int, s: State) -> float:
     return float(total)
 
 
-@compiled
+@inlined
 def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
     """Samples of h under the outline of k, first and behind the last; k's disparity less h's there, px."""
     xa, ya = s.ends[k, view, 0], s.ends[k, view, 1]
@@ -219,23 +221,24 @@ def _overlap(s: State, h: int, k: int, view: int) -> tuple[int, int, float]:
     return int(low * steps), min(int(np.ceil(high * steps)), steps), other - own
 
 
-@compiled
+@inlined
 def _apart(s: State, h: int, k: int) -> tuple[float, float]:
     """Distance of two axes in space, m, and the cosine between them (Lumelsky 1985, clamped)."""
-    a, c = s.space[h, 0], s.space[k, 0]
-    u, v, w = s.space[h, 1] - a, s.space[k, 1] - c, a - c
-    uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
-    uv = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    uw = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
-    vw = v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+    uu = uv = vv = uw = vw = 0.0
+    for n in range(3):
+        u, v = s.space[h, 1, n] - s.space[h, 0, n], s.space[k, 1, n] - s.space[k, 0, n]
+        w = s.space[h, 0, n] - s.space[k, 0, n]
+        uu, uv, vv = uu + u * u, uv + u * v, vv + v * v
+        uw, vw = uw + u * w, vw + v * w
     det = uu * vv - uv * uv
     p = 0.5 if det < 1e-9 * uu * vv else min(max((uv * vw - vv * uw) / det, 0.0), 1.0)
     q = min(max((uv * p + vw) / vv, 0.0), 1.0)
     p = min(max((uv * q - uw) / uu, 0.0), 1.0)
     total = 0.0
     for n in range(3):
-        total += (w[n] + p * u[n] - q * v[n]) ** 2
+        first = s.space[h, 0, n] + p * (s.space[h, 1, n] - s.space[h, 0, n])
+        second = s.space[k, 0, n] + q * (s.space[k, 1, n] - s.space[k, 0, n])
+        total += (first - second) ** 2
     return float(np.sqrt(total)), float(abs(uv) / np.sqrt(uu * vv))
 
 
@@ -277,7 +280,7 @@ def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
     return starts, found
 
 
-@compiled
+@lean
 def relate(s: State, k: int) -> None:
     """What a hypothesis is to each of its neighbours, once it is needed: distance and cosine of the axes, how
     far the neighbour lies below it in either view, which of the neighbour's samples it covers, and whether
@@ -306,7 +309,7 @@ def relate(s: State, k: int) -> None:
         s.rival[at] = rival
 
 
-@compiled
+@lean
 def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
     """Whether two hypotheses come nearer than ``margin`` in either picture, by separating axes."""
     for view in range(2):
@@ -330,61 +333,93 @@ def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
     return False
 
 
-@compiled
+@lean
 def take(s: State, k: int, alive: Bools) -> None:
     """Choose k: claims, covers and conflicts of all others follow, and the gains of those it touches."""
     relate(s, k)
     _claim(s, k, True)
-    for at_near in range(s.near_at[k], s.near_at[k + 1]):
-        h = s.near[at_near]
-        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
-        if apart < THROUGH * s.diameter:
-            if cosine > PARALLEL:
-                s.hard[h] += 1
-            else:
-                s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
-        for view in range(2):
-            first, last = s.spans[at_near, view, 0], s.spans[at_near, view, 1]
-            above = s.pair[at_near, 2 + view]
-            at = s.covered[h, view]
-            if cosine > ALONG:
-                # a part right below another of its own direction explains nothing
-                continue
-            if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
-                s.covers[h, view, at, 0] = k
-                s.covers[h, view, at, 1] = first
-                s.covers[h, view, at, 2] = last
-                s.covers[h, view, at, 3] = 1 if above > ABOVE_SHARE * s.step_d and cosine < CROSSING else 0
-                s.covered[h, view] += 1
+    for at in range(s.near_at[k], s.near_at[k + 1]):
+        _press(s, k, at)
+        h = s.near[at]
         if alive[h]:
             s.gain[h] = gain_of(h, s)
 
 
-@compiled
+@lean
 def give_back(s: State, k: int) -> None:
     """Undo `take`, but for the gains."""
     _claim(s, k, False)
-    for at_near in range(s.near_at[k], s.near_at[k + 1]):
-        h = s.near[at_near]
-        apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
-        if apart < THROUGH * s.diameter:
-            if cosine > PARALLEL:
-                s.hard[h] -= 1
-            else:
-                s.soft[h] -= THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
-        for view in range(2):
-            if s.spans[at_near, view, 1] <= s.spans[at_near, view, 0]:
-                continue
-            kept = 0
-            for c in range(s.covered[h, view]):
-                if s.covers[h, view, c, 0] != k:
-                    for n in range(4):
-                        s.covers[h, view, kept, n] = s.covers[h, view, c, n]
-                    kept += 1
-            s.covered[h, view] = kept
+    for at in range(s.near_at[k], s.near_at[k + 1]):
+        _release(s, k, at)
 
 
-@compiled
+@lean
+def lay(s: State, k: int, among: Bools) -> None:
+    """As `take`, for what concerns those ``among`` which a sum is made; gains are left."""
+    relate(s, k)
+    _claim(s, k, True)
+    for at in range(s.near_at[k], s.near_at[k + 1]):
+        if among[s.near[at]]:
+            _press(s, k, at)
+
+
+@lean
+def lift(s: State, k: int, among: Bools) -> None:
+    """Undo `lay`, or what it concerns of `take`."""
+    _claim(s, k, False)
+    for at in range(s.near_at[k], s.near_at[k + 1]):
+        if among[s.near[at]]:
+            _release(s, k, at)
+
+
+@inlined
+def _press(s: State, k: int, at_near: int) -> None:
+    """What a chosen k does to one of its neighbours."""
+    h = s.near[at_near]
+    apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
+    if apart < THROUGH * s.diameter:
+        if cosine > PARALLEL:
+            s.hard[h] += 1
+        else:
+            s.soft[h] += THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+    if cosine > ALONG:
+        # a part right below another of its own direction explains nothing
+        return
+    for view in range(2):
+        first, last = s.spans[at_near, view, 0], s.spans[at_near, view, 1]
+        above = s.pair[at_near, 2 + view]
+        at = s.covered[h, view]
+        if last > first and above > -BELOW_SHARE * s.step_d and at < MOST_COVERS:
+            s.covers[h, view, at, 0] = k
+            s.covers[h, view, at, 1] = first
+            s.covers[h, view, at, 2] = last
+            s.covers[h, view, at, 3] = 1 if above > ABOVE_SHARE * s.step_d and cosine < CROSSING else 0
+            s.covered[h, view] += 1
+
+
+@inlined
+def _release(s: State, k: int, at_near: int) -> None:
+    """Undo `_press`."""
+    h = s.near[at_near]
+    apart, cosine = s.pair[at_near, 0], s.pair[at_near, 1]
+    if apart < THROUGH * s.diameter:
+        if cosine > PARALLEL:
+            s.hard[h] -= 1
+        else:
+            s.soft[h] -= THROUGH_LENGTHS * s.size_px * (1 - apart / (THROUGH * s.diameter))
+    for view in range(2):
+        if s.spans[at_near, view, 1] <= s.spans[at_near, view, 0]:
+            continue
+        kept = 0
+        for c in range(s.covered[h, view]):
+            if s.covers[h, view, c, 0] != k:
+                for n in range(4):
+                    s.covers[h, view, kept, n] = s.covers[h, view, c, n]
+                kept += 1
+        s.covered[h, view] = kept
+
+
+@lean
 def _claim(s: State, k: int, add: bool) -> None:
     for view in range(2):
         if s.claim_count[k, view] < 0:

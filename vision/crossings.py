@@ -16,7 +16,7 @@ from vision.canvas import LEAST_DISPARITY_PX
 from vision.claims import State
 from vision.edges import Reals
 from vision.explain import Frame
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.types import Bools, Floats, Ints
 
 BRUSH_DIAMETERS, END_DIAMETERS = 0.2, 0.3
@@ -173,7 +173,7 @@ def _cross(
             sure[upper, lower] = abs(z)
 
 
-@compiled
+@lean
 def _least(own: Floats, other: Floats, s: float, t: float, diameter_m: float) -> float:
     """How much higher one of two parts is at least, m, if it lies on the other with its side or its end."""
     x = (1 - s) * own[0, 0] + s * own[1, 0] - (1 - t) * other[0, 0] - t * other[1, 0]
@@ -187,37 +187,30 @@ def _least(own: Floats, other: Floats, s: float, t: float, diameter_m: float) ->
     return float(0.5 * np.sqrt(1.0 - apart * apart) * diameter_m)
 
 
-@compiled
+@lean
 def meet(own: Floats, other: Floats, low: float, high: float, longer_m: float, pad_m: float) -> bool:
     """Whether the footprint of a part meets that of another's stretch ``low`` to ``high``: no line between
     the two rectangles parts them (the separating axis theorem). Ends (2, 3) as `laid` has them."""
-    half, way, centre = np.empty(2), np.empty((2, 2)), np.empty((2, 2))
-    for n in range(2):
-        line = own if n == 0 else other
-        first, last = (low, high) if n == 0 else (0.0, 1.0)
-        x, y = line[1, 0] - line[0, 0], line[1, 1] - line[0, 1]
-        size = max(np.hypot(x, y), 1e-12)
-        half[n] = 0.5 * (last - first) * size
-        if n == 1 or last - first == 1.0:
-            half[n] += longer_m
-        way[n, 0], way[n, 1] = x / size, y / size
-        at = 0.5 * (first + last)
-        centre[n, 0], centre[n, 1] = line[0, 0] + at * x, line[0, 1] + at * y
-    dx, dy = centre[1, 0] - centre[0, 0], centre[1, 1] - centre[0, 1]
-    for n in range(4):
-        ux, uy = way[n // 2, 0], way[n // 2, 1]
-        if n % 2:
-            ux, uy = -uy, ux
-        reach = 0.0
-        for k in range(2):
-            reach += half[k] * abs(ux * way[k, 0] + uy * way[k, 1])
-            reach += pad_m * abs(ux * way[k, 1] - uy * way[k, 0])
-        if abs(ux * dx + uy * dy) >= reach:
-            return False
-    return True
+    ax, ay = own[1, 0] - own[0, 0], own[1, 1] - own[0, 1]
+    bx, by = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
+    size_a, size_b = max(np.hypot(ax, ay), 1e-12), max(np.hypot(bx, by), 1e-12)
+    at = 0.5 * (low + high)
+    dx = other[0, 0] + 0.5 * bx - own[0, 0] - at * ax
+    dy = other[0, 1] + 0.5 * by - own[0, 1] - at * ay
+    half_a = 0.5 * (high - low) * size_a + (longer_m if high - low == 1.0 else 0.0)
+    half_b = 0.5 * size_b + longer_m
+    ax, ay, bx, by = ax / size_a, ay / size_a, bx / size_b, by / size_b
+    cosine, sine = abs(ax * bx + ay * by), abs(ax * by - ay * bx)
+    long_m, wide_m = pad_m * sine, pad_m * (1.0 + cosine)
+    return bool(
+        abs(ax * dx + ay * dy) < half_a + half_b * cosine + long_m
+        and abs(ax * dy - ay * dx) < half_b * sine + wide_m
+        and abs(bx * dx + by * dy) < half_b + half_a * cosine + long_m
+        and abs(bx * dy - by * dx) < half_a * sine + wide_m
+    )
 
 
-@compiled
+@lean
 def nearest(own: Floats, other: Floats) -> tuple[float, float]:
     """Shares of their lengths at which two footprints' axes cross or come nearest."""
     ux, uy = own[1, 0] - own[0, 0], own[1, 1] - own[0, 1]
@@ -243,14 +236,14 @@ def nearest(own: Floats, other: Floats) -> tuple[float, float]:
     return here, there
 
 
-@compiled
+@lean
 def _variance(covariance: Floats, share: float) -> float:
     """Of the disparity at a place of the axis, px squared."""
     a, b = 1 - share, share
     return float(a * a * covariance[2, 2] + 2 * a * b * covariance[2, 5] + b * b * covariance[5, 5])
 
 
-@compiled
+@lean
 def _through(
     samples: Counts, width: Floats, value: Reals, row: int, share: float, own: Floats, other: Floats
 ) -> float:

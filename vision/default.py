@@ -23,6 +23,7 @@ from vision.foreground import Foreground, stands_out
 from vision.ghosts import below_ghosts
 from vision.glance import at_first_sight
 from vision.jit import steady
+from vision.memory import keep_freed
 from vision.offer import Offered, candidates, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
@@ -332,11 +333,12 @@ def _scene(
 
 
 def warm_up() -> None:
-    """Compile everything that is compiled, on a small picture pair of its own.
+    """Compile everything that is compiled, on a small picture pair of its own; keep freed memory from now on.
 
-    To be called before the cell says it is ready: the first call on a machine takes a minute, later
+    To be called before the cell says it is ready: the first call on a machine takes minutes, later
     starts load the compiled code from disk.
     """
+    keep_freed()
     camera = CameraModel(
         matrix=read_only(np.array([[600.0, 0.0, 160.0], [0.0, 600.0, 120.0], [0.0, 0.0, 1.0]])),
         distortion=read_only(np.zeros(5)),

@@ -8,13 +8,14 @@ canvas pixels, with a map that names the edge at a pixel.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from vision.canvas import GRID_PX, Canvas
-from vision.jit import compiled, steady
+from vision.jit import compiled, inlined, lean, steady
 from vision.types import Floats, Grey, Mask, read_only
 
 Reals = npt.NDArray[np.float32]
@@ -31,15 +32,38 @@ _KERNEL: Reals = np.asarray(
     cv2.getGaussianKernel(2 * _REACH + 1, SMOOTHING_PX, cv2.CV_32F)[:, 0].copy(), np.float32
 )
 X, Y, UX, UY, STRENGTH = 0, 1, 2, 3, 4
+WAYS = 8
+"""Directions that edges are looked up in, from along the rows on, towards higher rows."""
+_BETWEEN = tuple(float(np.tan(np.pi / WAYS * (2 * n + 1))) for n in range(WAYS // 4))
+SAME_WAY = 0.88
+"""Least cosine between an edge's direction and the expected one."""
+POSTED_PX = 3
+"""How far from an edge, along its direction and against it, the way to it is posted."""
+ASKEW, ASIDE_PX = 0.15, 0.7
+"""Sine of the angle to rows and columns above which an edge is posted this far to its sides too."""
+
+
+class Signposts(NamedTuple):
+    """Which edge is the nearest to a place along a direction in which the edge looks too.
+
+    ``table`` (N, 5) the edges; ``sign`` (H, W) the signpost at a canvas pixel, 0 where no edge is within
+    `POSTED_PX`; ``edge`` (M, `WAYS`) one more than the edge that it names for a way, 0 none.
+    """
+
+    table: Reals
+    sign: Ids
+    edge: Ids
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Edges:
     """``table`` (N, 5): x, y, unit direction to the bright side, strength 0..1; ``at`` (H, W) which edge
-    lies in a canvas pixel, -1 none; ``ground`` (H, W) uint8, 0 where the canvas shows background."""
+    lies in a canvas pixel, -1 none; ``posts`` where to look edges up; ``ground`` (H, W) uint8, 0 where the
+    canvas shows background."""
 
     table: Reals
     at: Ids
+    posts: Signposts
     ground: npt.NDArray[np.uint8]
 
 
@@ -71,7 +95,7 @@ def edges(
     drawn = np.zeros((on.height_px, on.width_px), np.uint8)
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0 or contrast_grey <= 0:
-        return Edges(table=table, at=at, ground=drawn)
+        return Edges(table=table, at=at, posts=signposts(table, at), ground=drawn)
     border = NEAR_MASK_PX + 4
     top, bottom = max(0, int(rows[0]) - border), min(grey.shape[0], int(rows[-1]) + border + 1)
     first, last = max(0, int(columns[0]) - border), min(grey.shape[1], int(columns[-1]) + border + 1)
@@ -88,10 +112,21 @@ def edges(
     _draw_ground(around, on.from_raw[side], first, top, row_shift_px, drawn)
     # distortion may tear the mask by one pixel
     whole = np.asarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)), np.uint8)
-    return Edges(table=read_only(found[:count].copy()), at=at, ground=whole)
+    table = read_only(found[:count].copy())
+    return Edges(table=table, at=at, posts=signposts(table, at), ground=whole)
 
 
-@compiled
+def signposts(table: Reals, at: Ids) -> Signposts:
+    """The signposts to edges (N, 5) that are named in a canvas (H, W): an edge that nobody can claim is not
+    to be found either."""
+    sign = np.zeros(at.shape, np.int32)
+    # of each edge three pixels per ring and side
+    edge = np.zeros((3 * (2 * POSTED_PX + 1) * len(table) + 1, WAYS), np.int32)
+    _post(table, at, sign, edge)
+    return Signposts(table=table, sign=sign, edge=edge)
+
+
+@lean
 def _smooth(grey: Grey, y: int, kernel: Reals, column: Reals, into: Reals) -> None:
     """One row of the picture under a Gaussian, mirrored at its border; ``column`` is scratch, `_REACH` wider
     on both sides."""
@@ -117,7 +152,7 @@ def _smooth(grey: Grey, y: int, kernel: Reals, column: Reals, into: Reals) -> No
         )
 
 
-@compiled
+@lean
 def _slopes(above: Reals, here: Reals, below: Reals, gx: Reals, gy: Reals, slope: Reals) -> None:
     """Gradient of one row of grey by Sobel's masks, per px, and its size; the two border columns are 0."""
     eighth, two = np.float32(0.125), np.float32(2.0)
@@ -225,7 +260,66 @@ def _extract(
     return found, count
 
 
+@inlined
+def way_of(ux: float, uy: float) -> int:
+    """Which of the `WAYS` a unit direction is nearest to."""
+    along, across = abs(ux), abs(uy)
+    way = 0
+    for tangent in _BETWEEN:
+        way += int(across > tangent * along)
+    if ux < 0:
+        way = WAYS // 2 - way
+    return (WAYS - way if uy < 0 else way) & (WAYS - 1)
+
+
 @compiled
+def _post(table: Reals, at: Ids, sign: Ids, edge: Ids) -> None:
+    """Fills signposts: from far to near, so that the nearest edge stays."""
+    high, wide = sign.shape
+    # within this of a way, an edge looks the same way as some direction of that way
+    within = 0.5 + np.arccos(SAME_WAY) / (2 * np.pi / WAYS)
+    first, last = np.empty(len(table), np.int8), np.empty(len(table), np.int8)
+    named = np.empty(len(table), np.int32)
+    many = 0
+    for e in range(len(table)):
+        if at[int(table[e, 1] + 0.5), int(table[e, 0] + 0.5)] != e:
+            continue
+        named[many] = e
+        many += 1
+        turn = np.arctan2(table[e, 3], table[e, 2]) * (WAYS / (2 * np.pi))
+        first[e], last[e] = int(np.ceil(turn - within)), int(np.floor(turn + within)) + 1
+    half = np.float32(0.5)
+    count = 0
+    for ring in range(POSTED_PX, -1, -1):
+        # beside the way to an edge, and then the ways themselves
+        for aside in range(1, -1, -1):
+            for turn in range(4 if aside and ring else 2 if aside or ring else 1):
+                off = np.float32(ring if turn % 2 else -ring)
+                if aside and not ring:
+                    off = np.float32(0.0)
+                across = np.float32(0.0)
+                if aside:
+                    across = np.float32(ASIDE_PX if (turn // 2 if ring else turn) else -ASIDE_PX)
+                for place in range(many):
+                    e = named[place]
+                    ux, uy = table[e, 2], table[e, 3]
+                    # lines of edges that run askew leave gaps between pixels that meet at a corner only
+                    if aside and min(abs(ux), abs(uy)) < ASKEW:
+                        continue
+                    column = int(table[e, 0] + off * ux - across * uy + half)
+                    row = int(table[e, 1] + off * uy + across * ux + half)
+                    if column < 0 or row < 0 or column >= wide or row >= high:
+                        continue
+                    here = sign[row, column]
+                    if here == 0:
+                        count += 1
+                        here = np.int32(count)
+                        sign[row, column] = here
+                    for way in range(first[e], last[e]):
+                        edge[here, way & (WAYS - 1)] = e + 1
+
+
+@lean
 def _draw_ground(
     inside: npt.NDArray[np.uint8],
     grid: Floats,

@@ -13,8 +13,9 @@ import numpy as np
 
 from vision import choice, claims
 from vision.canvas import Canvas, in_space
-from vision.edges import Edges
+from vision.edges import Edges, Signposts
 from vision.flank import Counts
+from vision.jit import compiled
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, XA, XB, YA, YB, refine
 from vision.traits import Traits, joined, some, traits
 from vision.types import Bools, Floats, PartModel
@@ -113,8 +114,7 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
 
 def _explanation(hypotheses: Floats, chosen: Bools, now: claims.State, seen: Traits) -> Explanation:
     rows = [int(k) for k in np.flatnonzero(chosen)]
-    nobody = np.zeros(len(hypotheses), np.bool_)
-    margin = np.array([_margin(now, k, nobody) for k in rows], np.float64)
+    margin = choice.margins(now, np.array(rows, np.int64))
     return Explanation(hypotheses=hypotheses, chosen=rows, margin=margin, state=now, seen=seen)
 
 
@@ -133,7 +133,7 @@ def settle(
     """`refine` with what the look knows."""
     part = frame.part
     return refine(
-        hypotheses, left.table, left.at, taken[0], right.table, right.at, taken[1], frame.camera,
+        hypotheses, left.posts, taken[0], right.posts, taken[1], frame.camera,
         frame.level, LENGTH_SIGMA_SHARE, frame.unit, tilt_share,
         frame.diameter_d / part.diameter_m, rounds, spacing,
         np.zeros((len(hypotheses), 2, 2)) if shift is None else shift,
@@ -181,27 +181,38 @@ def _on_own_edges(
     for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
         nudges.append([a * NUDGE_PX / 2, 0, a * NUDGE_PX, b * NUDGE_PX / 2, 0, b * NUDGE_PX])
     moves = np.array(nudges)
-    added = []
-    nobody = np.zeros(len(chosen), np.bool_)
-    for k in np.flatnonzero(chosen).tolist():
-        claims.give_back(now, k)
-        if claims.gain_of(k, now) > PLAIN_LENGTHS * 2 * frame.length_px:
-            claims.take(now, k, nobody)
-            continue
-        near = np.repeat(hypotheses[k : k + 1], len(moves), axis=0)
-        near[:, 1:7] += moves
-        taken = (now.taken_l, now.taken_r)
-        settle(near, left, right, taken, frame, TILT_SHARE, 4, 3.0)
-        added.append(near)
-        claims.take(now, k, nobody)
-    if not added:
-        return np.zeros((0, COLUMNS))
-    found = np.concatenate(added)
+    found = _refined(
+        hypotheses, chosen, moves, PLAIN_LENGTHS * 2 * frame.length_px, now, left.posts, right.posts,
+        frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m,
+        np.zeros((len(moves), 2, 2)), np.full((len(moves), 2), UNSHADED_SIGMA_PX),
+    )  # fmt: skip
     return np.asarray(found[sound(found, frame)], np.float64)
 
 
-def _margin(now: claims.State, k: int, nobody: Bools) -> float:
-    claims.give_back(now, k)
-    gain = claims.gain_of(k, now)
-    claims.take(now, k, nobody)
-    return float(gain)
+@compiled
+def _refined(
+    hypotheses: Floats, chosen: Bools, moves: Floats, plain: float, now: claims.State, left: Signposts,
+    right: Signposts, camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, bias: Floats,
+) -> Floats:  # fmt: skip
+    """(N, `COLUMNS`) the chosen parts that gain less than ``plain``, each from as many places as there are
+    ``moves`` (M, 6)."""
+    many = len(moves)
+    found = np.empty((many * chosen.sum(), COLUMNS))
+    nobody = np.zeros(len(chosen), np.bool_)
+    count = 0
+    for k in range(len(chosen)):
+        if not chosen[k]:
+            continue
+        claims.give_back(now, k)
+        if claims.gain_of(k, now) <= plain:
+            near = found[count : count + many]
+            for n in range(many):
+                near[n] = hypotheses[k]
+                near[n, 1:7] += moves[n]
+            refine(
+                near, left, now.taken_l, right, now.taken_r, camera, level,
+                LENGTH_SIGMA_SHARE, unit, TILT_SHARE, step_d, 4, 3.0, shift, bias,
+            )  # fmt: skip
+            count += many
+        claims.take(now, k, nobody)
+    return found[:count]

@@ -5,28 +5,17 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from vision.edges import Ids, Reals
-from vision.jit import compiled
+from vision.edges import SAME_WAY, Signposts, way_of
+from vision.jit import inlined, lean
 
 Counts = npt.NDArray[np.uint16]
 
-SAME_WAY = 0.88
-"""Least cosine between an edge's direction and the expected one."""
 PROBE_PX = 0.7
-ASKEW = 0.15
-"""Sine of the angle to rows and columns above which an edge steps aside often."""
 
 
-@compiled
+@inlined
 def nearest_edge(
-    table: Reals,
-    at: Ids,
-    taken: Counts,
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-    reach: float,
+    posts: Signposts, taken: Counts, x: float, y: float, nx: float, ny: float, reach: float
 ) -> tuple[int, float]:
     """The free edge nearest to (x, y) along the unit direction (nx, ny), which it must look towards.
 
@@ -35,10 +24,11 @@ def nearest_edge(
     int, float
         Index, -1 if there is none within ``reach`` px; its offset along the direction.
     """
+    table = posts.table
+    way = way_of(nx, ny)
     best, best_off = -1, 0.0
     nearest = reach
     last = -1
-    askew = min(abs(nx), abs(ny)) > ASKEW
     steps = int(reach / PROBE_PX) + 1
     for step in range(2 * steps + 1):
         # from the middle outwards: 0, 1, -1, 2, -2, ...
@@ -47,19 +37,14 @@ def nearest_edge(
         if best >= 0 and abs(off) > nearest + PROBE_PX:
             break
         u, v = x + off * nx + 0.5, y + off * ny + 0.5
-        column, row = int(u), int(v)
-        if column < 1 or row < 1 or column >= at.shape[1] - 1 or row >= at.shape[0] - 1:
+        if u < 0 or v < 0 or u >= posts.sign.shape[1] or v >= posts.sign.shape[0]:
             continue
-        edge = at[row, column]
-        if edge < 0 and askew:
-            # an edge that runs askew passes between two pixels that meet at a corner only
-            du, dv = u - column - 0.5, v - row - 0.5
-            if abs(du) > abs(dv):
-                column += 1 if du > 0 else -1
-            else:
-                row += 1 if dv > 0 else -1
-            edge = at[row, column]
-        if edge < 0 or edge == last or taken[edge] > 0:
+        edge = posts.edge[posts.sign[int(v), int(u)], way] - 1
+        if edge < 0:
+            if step == 0:
+                break
+            continue
+        if edge == last or taken[edge] > 0:
             continue
         last = edge
         if table[edge, 2] * nx + table[edge, 3] * ny < SAME_WAY:
@@ -67,22 +52,16 @@ def nearest_edge(
         along = (table[edge, 0] - x) * nx + (table[edge, 1] - y) * ny
         if abs(along) <= nearest:
             nearest = abs(along)
-            best = edge
-            best_off = along
+            best, best_off = edge, along
+        if step == 0:
+            # what the signpost right here names is the nearest, unless it is somebody's or looks elsewhere
+            break
     return best, best_off
 
 
-@compiled
+@lean
 def tip_offset(
-    table: Reals,
-    at: Ids,
-    taken: Counts,
-    x: float,
-    y: float,
-    ux: float,
-    uy: float,
-    width: float,
-    reach: float,
+    posts: Signposts, taken: Counts, x: float, y: float, ux: float, uy: float, width: float, reach: float
 ) -> tuple[float, int, float]:
     """How far beyond (x, y), in the outward direction (ux, uy), the end face of a part is seen.
 
@@ -96,9 +75,9 @@ def tip_offset(
     total, strength, count = 0.0, 0.0, 0
     for lane in range(-2, 3):
         aside = lane * width * 0.17
-        edge, off = nearest_edge(table, at, taken, x - uy * aside, y + ux * aside, -ux, -uy, reach)
+        edge, off = nearest_edge(posts, taken, x - uy * aside, y + ux * aside, -ux, -uy, reach)
         if edge >= 0:
             total -= off
-            strength += table[edge, 4]
+            strength += posts.table[edge, 4]
             count += 1
     return (total / count if count > 0 else 0.0), count, strength / 5.0

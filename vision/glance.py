@@ -14,7 +14,7 @@ from vision import claims
 from vision.crossings import BRUSH_DIAMETERS, END_DIAMETERS, laid, meet, nearest
 from vision.edges import Edges, Reals
 from vision.explain import LONGEST_LENGTHS, TILT_SHARE, Explanation, Frame, settle, sound, state_of
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.refine import KIND, SCORE
 from vision.traits import SAMPLE_PX, traits
 from vision.types import Bools, Floats, Ints
@@ -95,7 +95,7 @@ def _lone(pool: Floats, width_px: float, length_px: float) -> Ints:
     return kept[:count]
 
 
-@compiled
+@lean
 def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, length_px: float) -> bool:
     """Whether one picture shows k on the line of row, and on most of its stretch."""
     xa, ya = pool[row, 1] - view * pool[row, 3], pool[row, 2]
@@ -113,7 +113,7 @@ def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, len
     return bool(min(high, size) - max(low, 0.0) > 0.4 * length_px)
 
 
-@compiled
+@lean
 def _under(
     part: Floats,
     ends: Floats,
@@ -148,7 +148,7 @@ def _under(
     return False
 
 
-@compiled
+@lean
 def _false(pool: Floats, k: int, width_px: float, length_px: float) -> bool:
     """Whether a hypothesis with much more evidence has the place of k in one of the pictures."""
     for other in range(len(pool)):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.net import Columns, radii_px, root, simplify
 from vision.types import Bools, Floats, Graph, Ints, Mask, Paths, Skeleton, read_only
 
@@ -129,7 +129,7 @@ def _where(flat: Bools, words: npt.NDArray[np.uint64]) -> Ints:
     return found
 
 
-@compiled
+@lean
 def _links(flat: Bools, pixel: int, width: int) -> int:
     """The links of a pixel as bits 0..7."""
     bits = 0

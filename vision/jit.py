@@ -12,6 +12,8 @@ import numpy.typing as npt
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_LEAN: dict[str, Any] = {"nogil": True, "cache": True, "_nrt": False}
+
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """The same function as machine code, compiled at its first call and kept on disk.
@@ -20,6 +22,22 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     plain numbers and contiguous arrays; the first call of a machine takes seconds (`warm_up`).
     """
     return cast("Callable[P, R]", numba.njit(nogil=True, cache=True)(function))
+
+
+def lean(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, for functions that make no arrays and call none that do.
+
+    Compiled code counts the references to every array of a call, up and down, by instructions that lock
+    memory; a lookup of an edge took half its time so. Who makes nothing need not count. Making an array
+    in such a function does not compile.
+    """
+    return cast("Callable[P, R]", numba.njit(**_LEAN)(function))
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """As `lean`, and written out wherever it is called: for what is called a hundred thousand times a look,
+    where handing over the arrays costs as much as the work."""
+    return cast("Callable[P, R]", numba.njit(**_LEAN, forceinline=True)(function))
 
 
 def compiled_sums(function: Callable[P, R]) -> Callable[P, R]:

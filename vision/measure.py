@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.edges import Ids, Reals
+from vision.edges import Ids, Signposts
 from vision.explain import LENGTH_SIGMA_SHARE, UNSHADED_SIGMA_PX
 from vision.flank import Counts, nearest_edge
-from vision.jit import compiled
+from vision.jit import compiled, inlined, lean
 from vision.refine import (
     DAMPING,
     FLANK_SIGMA_PX,
@@ -50,7 +50,7 @@ FREE_ROUNDS, FREE_REACH_PX = 3, 1.6
 @compiled
 def measure(
     parts: Floats, chosen: Ints, ends_seen: Bools, ends: Floats, width: Floats, edge: Ids,
-    table_l: Reals, at_l: Ids, taken_l: Counts, table_r: Reals, at_r: Ids, taken_r: Counts,
+    left: Signposts, at_l: Ids, taken_l: Counts, right: Signposts, at_r: Ids, taken_r: Counts,
     camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, loose: Floats,
     covariance: Floats, strain: Floats, free: Floats,
 ) -> None:  # fmt: skip
@@ -84,15 +84,15 @@ def measure(
     matrix, at_spots = np.zeros((6, 6)), np.zeros(6)
     for place in range(len(parts)):
         k = chosen[place]
-        many_l = claimed_edges(table_l, at_l, ends[k, 0], width[k, 0], width[k, 1], mine_l)
-        many_r = claimed_edges(table_r, at_r, ends[k, 1], width[k, 0], width[k, 1], mine_r)
+        many_l = claimed_edges(left.table, at_l, ends[k, 0], width[k, 0], width[k, 1], mine_l)
+        many_r = claimed_edges(right.table, at_r, ends[k, 1], width[k, 0], width[k, 1], mine_r)
         for c in range(many_l):
             taken_l[mine_l[c]] -= np.uint16(1)
         for c in range(many_r):
             taken_r[mine_r[c]] -= np.uint16(1)
         plain, one = parts[place].copy(), parts[place].copy()
-        _recall(plain, 0, edge[k, 0], table_l, at_l, taken_l, spots, tips, steps)
-        _recall(plain, 1, edge[k, 1], table_r, at_r, taken_r, spots, tips, steps)
+        _recall(plain, 0, edge[k, 0], left, taken_l, spots, tips, steps)
+        _recall(plain, 1, edge[k, 1], right, taken_r, spots, tips, steps)
         for turn in range(2):
             _step(plain, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, none, unsure,
                   matrix)  # fmt: skip
@@ -102,8 +102,8 @@ def measure(
         for turn in range(len(REACH_PX)):
             if turn in GATHERED:
                 far = np.abs(one[1:7] - at_spots).max() > STILL_PX
-                _look_again(one, 0, far, REACH_PX[turn], table_l, at_l, taken_l, spots, tips, steps)
-                _look_again(one, 1, far, REACH_PX[turn], table_r, at_r, taken_r, spots, tips, steps)
+                _look_again(one, 0, far, REACH_PX[turn], left, taken_l, spots, tips, steps)
+                _look_again(one, 1, far, REACH_PX[turn], right, taken_r, spots, tips, steps)
                 at_spots[:] = one[1:7]
             _step(one, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, shift[place],
                   loose[place], matrix)  # fmt: skip
@@ -132,7 +132,7 @@ def measure(
             taken_r[mine_r[c]] += np.uint16(1)
 
 
-@compiled
+@lean
 def _strain(part: Floats, reach: float, spots: Floats, steps: Ints, unit: float, shift: Floats) -> float:
     """How many times the variance they should have flanks are off straight lines one known width apart.
 
@@ -179,9 +179,9 @@ def _strain(part: Floats, reach: float, spots: Floats, steps: Ints, unit: float,
     return chi / count
 
 
-@compiled
+@lean
 def _recall(
-    part: Floats, view: int, edge: Ids, table: Reals, at: Ids, taken: Counts,
+    part: Floats, view: int, edge: Ids, posts: Signposts, taken: Counts,
     spots: Floats, tips: Floats, steps: Ints,
 ) -> None:  # fmt: skip
     """The nearest free edge of either flank at stations along a part in one view, NaN where there is none:
@@ -202,17 +202,17 @@ def _recall(
             if e < 0 or taken[e] > 0 or (q > 0 and e == edge[q - 1, side]):
                 sign = -1.0 if side == 0 else 1.0
                 e, _ = nearest_edge(
-                    table, at, taken, x - sign * uy * half, y + sign * ux * half, sign * uy, -sign * ux,
+                    posts, taken, x - sign * uy * half, y + sign * ux * half, sign * uy, -sign * ux,
                     REACH_PX[0],
                 )  # fmt: skip
             if e >= 0:
-                spots[view, q, side, 0], spots[view, q, side, 1] = table[e, 0], table[e, 1]
-    _look_at_ends(part, view, FIRST_TIP_PX, table, at, taken, tips)
+                spots[view, q, side, 0], spots[view, q, side, 1] = posts.table[e, 0], posts.table[e, 1]
+    _look_at_ends(part, view, FIRST_TIP_PX, posts, taken, tips)
 
 
-@compiled
+@lean
 def _look_again(
-    part: Floats, view: int, far: bool, reach: float, table: Reals, at: Ids, taken: Counts,
+    part: Floats, view: int, far: bool, reach: float, posts: Signposts, taken: Counts,
     spots: Floats, tips: Floats, steps: Ints,
 ) -> None:  # fmt: skip
     """The same after a part has moved. An edge near the flank stays its own; where there was none within a
@@ -230,16 +230,16 @@ def _look_again(
             off = (spots[view, q, side, 1] - fy) * ux - (spots[view, q, side, 0] - fx) * uy
             if abs(off) < KEPT_PX or (np.isnan(off) and not far):
                 continue
-            e, _ = nearest_edge(table, at, taken, fx, fy, sign * uy, -sign * ux, reach)
+            e, _ = nearest_edge(posts, taken, fx, fy, sign * uy, -sign * ux, reach)
             spots[view, q, side] = np.nan
             if e >= 0:
-                spots[view, q, side, 0], spots[view, q, side, 1] = table[e, 0], table[e, 1]
-    _look_at_ends(part, view, TIP_PX, table, at, taken, tips)
+                spots[view, q, side, 0], spots[view, q, side, 1] = posts.table[e, 0], posts.table[e, 1]
+    _look_at_ends(part, view, TIP_PX, posts, taken, tips)
 
 
-@compiled
+@lean
 def _look_at_ends(
-    part: Floats, view: int, reach: float, table: Reals, at: Ids, taken: Counts, tips: Floats
+    part: Floats, view: int, reach: float, posts: Signposts, taken: Counts, tips: Floats
 ) -> None:
     """The nearest free edge in each lane of both ends in one view, NaN where there is none."""
     xa, ya, ux, uy, size = _axis(part, view)
@@ -248,13 +248,13 @@ def _look_at_ends(
         x, y = (xa, ya) if end == 0 else (xa + size * ux, ya + size * uy)
         for lane in range(LANES):
             aside = (lane - 2) * 0.17 * part[UNIT] * part[3 + 3 * end]
-            e, _ = nearest_edge(table, at, taken, x - oy * aside, y + ox * aside, -ox, -oy, reach)
+            e, _ = nearest_edge(posts, taken, x - oy * aside, y + ox * aside, -ox, -oy, reach)
             tips[view, end, lane] = np.nan
             if e >= 0:
-                tips[view, end, lane, 0], tips[view, end, lane, 1] = table[e, 0], table[e, 1]
+                tips[view, end, lane, 0], tips[view, end, lane, 1] = posts.table[e, 0], posts.table[e, 1]
 
 
-@compiled
+@inlined
 def _axis(part: Floats, view: int) -> tuple[float, float, float, float, float]:
     """Start, unit direction and length of a part in one view, px."""
     xa, ya = part[1] - view * part[3], part[2]
@@ -263,7 +263,7 @@ def _axis(part: Floats, view: int) -> tuple[float, float, float, float, float]:
     return xa, ya, dx / size, dy / size, size
 
 
-@compiled
+@inlined
 def _station(part: Floats, view: int, share: float) -> tuple[float, float, float]:
     """Place on the axis of a part in one view and half its width there, px."""
     x = part[1] + share * (part[4] - part[1])
@@ -350,7 +350,7 @@ def _step(
         part[UNIT] = min(max(wide * (0.5 + 0.5 * spread / spread_of), NARROWEST * unit), WIDEST * unit)
 
 
-@compiled
+@lean
 def _end(
     p: Floats, wide: float, view: int, end: int, ux: float, uy: float, tips: Floats, reach: float,
     camera: Floats, matrix: Floats, right: Floats,
@@ -382,7 +382,7 @@ def _end(
             matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
 
 
-@compiled
+@lean
 def _beliefs(
     p: Floats, length: float, camera: Floats, level: Floats, step_d: float, matrix: Floats, right: Floats
 ) -> None:

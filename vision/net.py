@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.types import Bools, Floats, Ints, Mask
 
 Columns: TypeAlias = tuple[Floats, Ints, Floats, Ints, Floats, Ints, Ints]
@@ -102,7 +102,7 @@ def simplify(
     return _collect(points, pixels, starts, made, ends, parts, turned, alive, used, degree)
 
 
-@compiled
+@lean
 def _length(pixels: Floats, start: int, stop: int) -> float:
     total = 0.0
     for k in range(start + 1, stop):
@@ -110,7 +110,7 @@ def _length(pixels: Floats, start: int, stop: int) -> float:
     return total
 
 
-@compiled
+@lean
 def _take_out(at: Ints, slots: Ints, degree: Ints, node: int, edge: int) -> None:
     """One end of an edge leaves a node's list, whose order stays."""
     stop = slots[node] + degree[node]
@@ -122,7 +122,7 @@ def _take_out(at: Ints, slots: Ints, degree: Ints, node: int, edge: int) -> None
     degree[node] -= 1
 
 
-@compiled
+@lean
 def _dissolve(
     node: int,
     joined: int,
@@ -228,7 +228,7 @@ def _collect(
     return new_points, new_edges, new_pixels[:filled].copy(), new_starts, lengths, new_degree, component
 
 
-@compiled
+@lean
 def root(parent: Ints, item: int) -> int:
     """The first item of the set `item` is in; ways there become shorter."""
     while parent[item] != item:
@@ -257,7 +257,7 @@ def _components(count: int, edges: Ints) -> Ints:
     return number
 
 
-@compiled
+@lean
 def radius_px(mask: Mask, u: float, v: float) -> float:
     """Distance from a place to the nearest background pixel, 0 on background.
 

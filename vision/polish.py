@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from vision import shading
 from vision.canvas import in_space
-from vision.edges import Edges, Ids, Reals
+from vision.edges import Edges, Ids, Reals, Signposts
 from vision.explain import UNSHADED_SIGMA_PX, Explanation, Frame
 from vision.flank import Counts, nearest_edge
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.measure import measure
 from vision.refine import UNIT
 from vision.traits import FLANK_REACH_PX, FLANK_SIGMA_PX, SAMPLE_PX, Traits
@@ -72,12 +72,12 @@ def polish(
     ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
     measure(
         parts, chosen, ends_seen, seen.ends, seen.width, seen.edge,
-        left.table, left.at, now.taken_l.copy(), right.table, right.at, now.taken_r.copy(),
+        left.posts, left.at, now.taken_l.copy(), right.posts, right.at, now.taken_r.copy(),
         frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m, shift, loose,
         covariance, strain, free,
     )  # fmt: skip
     unseen = seen.tip_value[chosen].mean(axis=(1, 3)) < SEEN
-    _goes_on(found.hypotheses, chosen, unseen, left.table, left.at, right.table, right.at, goes_on)
+    _goes_on(found.hypotheses, chosen, unseen, left.posts, right.posts, goes_on)
     return Measured(
         parts=parts,
         covariance=covariance,
@@ -92,12 +92,12 @@ def polish(
 
 @compiled
 def _goes_on(
-    hypotheses: Floats, chosen: Ints, unseen: Bools, table_l: Reals, at_l: Ids, table_r: Reals, at_r: Ids,
+    hypotheses: Floats, chosen: Ints, unseen: Bools, left: Signposts, right: Signposts,
     goes_on: Floats,
 ) -> None:  # fmt: skip
     """(C,) the larger of both ends, 0 where the end itself is seen."""
     first, last = BEYOND_SHARES
-    nobody = np.zeros(max(len(table_l), len(table_r)) + 1, np.uint16)
+    nobody = np.zeros(max(len(left.table), len(right.table)) + 1, np.uint16)
     for place in range(len(chosen)):
         p = hypotheses[chosen[place]]
         for end in range(2):
@@ -116,25 +116,25 @@ def _goes_on(
                 for q in range(steps):
                     share_on = first + (last - first) * (q + 0.5) / steps
                     x, y, d = xa + share_on * wx, ya + share_on * wy, da + share_on * wd
-                    if _two_flanks(table_l if view == 0 else table_r, at_l if view == 0 else at_r,
+                    if _two_flanks(left if view == 0 else right,
                                    nobody, x, y, -uy, ux, 0.5 * p[UNIT] * d):  # fmt: skip
                         both += 1
                 share = min(share, both / steps)
             goes_on[place] = max(goes_on[place], share)
 
 
-@compiled
+@lean
 def _two_flanks(
-    table: Reals, at: Ids, nobody: Counts, x: float, y: float, nx: float, ny: float, half: float
+    posts: Signposts, nobody: Counts, x: float, y: float, nx: float, ny: float, half: float
 ) -> bool:
     """Whether both flanks of a part with its axis at (x, y) are seen there, whoever's they are."""
     for side in range(2):
         sign = -1.0 if side == 0 else 1.0
         e, off = nearest_edge(
-            table, at, nobody, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny,
+            posts, nobody, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny,
             FLANK_REACH_PX,
         )  # fmt: skip
-        if e < 0 or table[e, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2) <= SEEN:
+        if e < 0 or posts.table[e, 4] * np.exp(-0.5 * (off / FLANK_SIGMA_PX) ** 2) <= SEEN:
             return False
     return True
 

@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.along import FLANK_SIGMA_PX, along
-from vision.edges import Edges, Ids, Reals
-from vision.flank import SAME_WAY
-from vision.jit import compiled, compiled_sums
+from vision.edges import SAME_WAY, Edges, Ids, Reals
+from vision.jit import compiled, compiled_sums, lean
 from vision.types import Floats, Ints, read_only
 
 TURNS = 180
@@ -144,7 +143,7 @@ def _votes(
     return votes, starts, middle, radius
 
 
-@compiled
+@lean
 def _opposite(table: Reals, at: Ids, x: float, y: float, nx: float, ny: float) -> tuple[int, float]:
     """The edge nearest to (x, y) along the unit direction (nx, ny) that looks that way, -1: none within
     `OPPOSITE_PX`; its offset. As `nearest_edge`, at five places and with nothing taken."""

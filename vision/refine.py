@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.edges import Ids, Reals
+from vision.edges import Signposts
 from vision.flank import Counts, nearest_edge, tip_offset
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.types import Floats
 
 SCORE, XA, YA, DA, XB, YB, DB, UNIT, LENGTH, KIND = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
@@ -35,7 +35,7 @@ SEARCHED, MOST_SAMPLES = 2, 1024
 """In how many first rounds edges are looked up anew, then in every second; how many places of an axis."""
 
 
-@compiled
+@lean
 def axis_length(p: Floats, fb: float, focal: float, cx: float, cy: float) -> float:
     """Metres between the ends (x, y, d) of p (6,)."""
     za, zb = fb / p[2], fb / p[5]
@@ -44,7 +44,7 @@ def axis_length(p: Floats, fb: float, focal: float, cx: float, cy: float) -> flo
     return float(np.sqrt(x * x + y * y + (za - zb) ** 2))
 
 
-@compiled
+@lean
 def _length_and_slope(p: Floats, fb: float, focal: float, cx: float, cy: float, slope: Floats) -> float:
     """`axis_length`, and into ``slope`` (6,) what it changes by with each number of p."""
     za, zb = fb / p[2], fb / p[5]
@@ -57,7 +57,7 @@ def _length_and_slope(p: Floats, fb: float, focal: float, cx: float, cy: float, 
     return float(length)
 
 
-@compiled
+@lean
 def _solve(matrix: Floats, right: Floats) -> None:
     """Solve a positive definite system of six in place, by Cholesky; ``right`` becomes the solution."""
     for a in range(6):
@@ -76,7 +76,7 @@ def _solve(matrix: Floats, right: Floats) -> None:
         right[a] /= matrix[a, a]
 
 
-@compiled
+@lean
 def cap_px(
     p: Floats,
     end: int,
@@ -112,11 +112,9 @@ def cap_px(
 @compiled
 def refine(
     hypotheses: Floats,
-    table_l: Reals,
-    at_l: Ids,
+    posts_l: Signposts,
     taken_l: Counts,
-    table_r: Reals,
-    at_r: Ids,
+    posts_r: Signposts,
     taken_r: Counts,
     camera: Floats,
     level: Floats,
@@ -174,8 +172,8 @@ def refine(
             right[:] = 0.0
             spread, spread_of = 0.0, 0
             for view in range(2):
-                table = table_l if view == 0 else table_r
-                at = at_l if view == 0 else at_r
+                posts = posts_l if view == 0 else posts_r
+                table = posts.table
                 taken = taken_l if view == 0 else taken_r
                 xa, ya = p[0] - view * p[2], p[1]
                 xb, yb = p[3] - view * p[5], p[4]
@@ -202,8 +200,8 @@ def refine(
                         continue
                     hx, hy, lx, ly = x + nx * half, y + ny * half, x - nx * half, y - ny * half
                     if again:
-                        high, off_high = nearest_edge(table, at, taken, hx, hy, -nx, -ny, reach)
-                        low, off_low = nearest_edge(table, at, taken, lx, ly, nx, ny, reach)
+                        high, off_high = nearest_edge(posts, taken, hx, hy, -nx, -ny, reach)
+                        low, off_low = nearest_edge(posts, taken, lx, ly, nx, ny, reach)
                         met[view, q, 0], met[view, q, 1] = low, high
                     else:
                         # what was met a moment ago is met again, a little further off or nearer
@@ -261,9 +259,7 @@ def refine(
                     ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
                     x, y = (xa, ya) if end == 0 else (xb, yb)
                     width = wide * p[3 * end + 2]
-                    off, lanes, _ = tip_offset(
-                        table, at, taken, x, y, ox, oy, width, 3.5 if turn < 2 else 2.5
-                    )
+                    off, lanes, _ = tip_offset(posts, taken, x, y, ox, oy, width, 3.5 if turn < 2 else 2.5)
                     if lanes < 2:
                         # a hidden end: the window says where it is, to a few pixels
                         weight = 0.5 / (HIDDEN_SIGMA_PX * HIDDEN_SIGMA_PX)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.jit import compiled, steady
+from vision.jit import compiled, lean, steady
 from vision.sampling import Picture, sample
 from vision.types import Floats, Ints, Mask, read_only
 
@@ -210,7 +210,7 @@ def _gather(middles: Floats, order: Ints, rows: int, columns: int, least: float)
     return found[:kept].copy()
 
 
-@compiled
+@lean
 def _span(middles: Floats, members: Ints) -> tuple[float, float, float, float, float, float]:
     """Mean u, v, direction u, v and least and largest place along it of some middles."""
     count = len(members)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.edges import Edges, Ids, Reals
+from vision.edges import Edges, Ids, Signposts
 from vision.explain import Explanation, Frame
 from vision.flank import Counts, tip_offset
-from vision.jit import compiled
+from vision.jit import lean
 from vision.refine import UNIT, cap_px
 from vision.types import Floats, Ints
 
@@ -51,7 +51,7 @@ def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> R
     for view, of in enumerate((left, right)):
         free = np.zeros(len(of.table) + 1, np.uint16)
         _end_rows(
-            found.hypotheses, chosen, view, seen.count, seen.ends, seen.edge, of.table, of.at, free,
+            found.hypotheses, chosen, view, seen.count, seen.ends, seen.edge, of.posts, free,
             frame.camera, rows[view],
         )  # fmt: skip
     apart = (rows[1] - rows[0]).reshape(-1)
@@ -63,13 +63,14 @@ def row_offset(found: Explanation, left: Edges, right: Edges, frame: Frame) -> R
     return RowOffset(px=middle, sigma_px=1.2533 * max(spread, 0.1) / np.sqrt(len(apart)), ends=len(apart))
 
 
-@compiled
+@lean
 def _end_rows(
     hypotheses: Floats, chosen: Ints, view: int, count: npt.NDArray[np.int32], ends: Floats, edge: Ids,
-    table: Reals, at: Ids, free: Counts, camera: Floats, rows: Floats,
+    posts: Signposts, free: Counts, camera: Floats, rows: Floats,
 ) -> None:  # fmt: skip
     """Row of every end in one view, from where its face and the line of its flanks are seen there."""
     focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    table = posts.table
     for h in range(len(chosen)):
         k = chosen[h]
         p, unit = hypotheses[k, 1:7], hypotheses[k, UNIT]
@@ -101,9 +102,7 @@ def _end_rows(
             x, y = (xa, ya) if end == 0 else (xb, yb)
             aside = off_a if end == 0 else off_b
             width = unit * p[3 * end + 2]
-            off, lanes, _ = tip_offset(
-                table, at, free, x + aside * nx, y + aside * ny, ox, oy, width, REACH_PX
-            )
+            off, lanes, _ = tip_offset(posts, free, x + aside * nx, y + aside * ny, ox, oy, width, REACH_PX)
             if lanes < LANES:
                 continue
             cap, _ = cap_px(p, end, view, width, focal * baseline, focal, baseline, cx, cy)

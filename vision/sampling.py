@@ -7,13 +7,13 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from vision.jit import compiled
+from vision.jit import lean
 
 Picture: TypeAlias = npt.NDArray[np.float32]
 """(H, W) float32 picture, or its slope."""
 
 
-@compiled
+@lean
 def sample(grey: Picture, u: float, v: float) -> float:
     """Bilinear grey value; outside the picture its border value."""
     rows, columns = grey.shape

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.sampling import Picture, sample
 from vision.types import CameraModel, Floats, Grey, StereoModel, Transform, read_only
 
@@ -98,7 +98,7 @@ def both_slopes(
     )
 
 
-@compiled
+@lean
 def project_one(camera: Floats, x: float, y: float, z: float) -> tuple[float, float]:
     """A point of the left camera frame as raw pixel of a flat camera; OpenCV's formula."""
     cx = camera[12] * x + camera[13] * y + camera[14] * z + camera[21]
@@ -114,7 +114,7 @@ def project_one(camera: Floats, x: float, y: float, z: float) -> tuple[float, fl
     return camera[0] * u + camera[2], camera[1] * v + camera[3]
 
 
-@compiled
+@lean
 def in_space(pose: Floats, lift: float, x: float, y: float) -> tuple[float, float, float]:
     """A point of the part's plane, lifted, in the left camera frame."""
     return (
@@ -124,7 +124,7 @@ def in_space(pose: Floats, lift: float, x: float, y: float) -> tuple[float, floa
     )
 
 
-@compiled
+@lean
 def seek(
     rise_u: Picture, rise_v: Picture, u: float, v: float, nu: float, nv: float, window: float, floor: float,
     falls: Floats,
@@ -174,13 +174,13 @@ def seek(
     return first + place * _STEP_PX, falls[where]
 
 
-@compiled
+@lean
 def scratch_size(window: float) -> int:
     """Numbers that `seek` needs to work with."""
     return 2 * (int(np.ceil(window / _STEP_PX)) + _MARGIN) + 1
 
 
-@compiled
+@lean
 def on_picture(
     camera: Floats, pose: Floats, lift: float, x: float, y: float, nx: float, ny: float, step: float
 ) -> tuple[float, float, float, float]:
@@ -335,7 +335,7 @@ def refine(
     return pose, grown, matrix, spread, used
 
 
-@compiled
+@lean
 def _row(
     row: Floats, pose: Floats, lift: float, grown: float, point: Floats, normal: Floats, grows: float,
     camera: Floats, rise_u: Picture, rise_v: Picture, floor: float, window: float, falls: Floats,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.ribbons import Ribbons
 from vision.sampling import Picture
 from vision.shape_model import ShapeModel
@@ -54,7 +54,7 @@ def search(
     return np.asarray(found[np.argsort(-found[:, 12], kind="stable")])
 
 
-@compiled
+@lean
 def _on_plane(u: float, v: float, normal: Floats, offset: float) -> tuple[float, float, float]:
     depth = -offset / (normal[0] * u + normal[1] * v + normal[2])
     return u * depth, v * depth, depth
@@ -123,7 +123,7 @@ def _slide(
     return found[:count]
 
 
-@compiled
+@lean
 def _lay(
     pose: Floats, dx: float, dy: float, dz: float, up: Floats, run_x: float, run_y: float, face: float
 ) -> None:
@@ -146,7 +146,7 @@ def _lay(
     pose[8] = nz
 
 
-@compiled
+@lean
 def _place(pose: Floats, x: float, y: float, mx: float, my: float, mz: float) -> None:
     """Shifts the pose so that (x, y) of the part lies at m."""
     pose[9] = mx - pose[0] * x - pose[3] * y
@@ -154,7 +154,7 @@ def _place(pose: Floats, x: float, y: float, mx: float, my: float, mz: float) ->
     pose[11] = mz - pose[2] * x - pose[5] * y
 
 
-@compiled
+@lean
 def judge(
     pose: Floats, lift: float, points: Floats, normals: Floats, body: Floats, camera: Floats,
     rise_u: Picture, rise_v: Picture, mask: Mask, floor: float,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from vision.baseline import MOST, STEEPEST
 from vision.canvas import Canvas
 from vision.edges import Reals
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.proposals import Lines
 from vision.refine import SCORE, axis_length
 from vision.types import Floats
@@ -113,7 +113,7 @@ def _between_ends(
     return found, count
 
 
-@compiled
+@lean
 def _seen_ends(tips: Reals, ends: npt.NDArray[np.int64], many: npt.NDArray[np.int64]) -> None:
     """Up to as many places per line and way as there is room for, where an end stands out."""
     for line in range(len(tips)):
@@ -127,7 +127,7 @@ def _seen_ends(tips: Reals, ends: npt.NDArray[np.int64], many: npt.NDArray[np.in
                     many[line, way] += 1
 
 
-@compiled
+@lean
 def _longest_run(
     left: Floats, right: Floats, i: int, j: int, total_l: Floats, total_r: Floats, reach: int, fb: float,
     focal: float, cx: float, cy: float, planes: Floats, length: float, length_px: float, p: Floats,

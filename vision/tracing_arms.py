@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.net import radius_px
 from vision.types import Floats, Ints, Mask
 
@@ -116,13 +116,13 @@ def arm(pixels: Floats, start: int, stop: int, side: int, skip_px: float, far_px
     return found
 
 
-@compiled
+@lean
 def turn(ax: float, ay: float, bx: float, by: float) -> float:
     """Signed angle from one direction to another, rad."""
     return float(np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
 
 
-@compiled
+@lean
 def bending(one: Floats, other: Floats) -> float:
     """What it costs to go into a crossing by one arm and out by another, rad squared.
 
@@ -138,7 +138,7 @@ def bending(one: Floats, other: Floats) -> float:
     return 4.0 * (a * a + a * b + b * b)
 
 
-@compiled
+@lean
 def cubic(one: Floats, other: Floats, t: float) -> tuple[float, float]:
     """Place at 0 <= t <= 1 on the curve that goes into a crossing by one arm and out by another."""
     chord = np.hypot(other[0] - one[0], other[1] - one[1])

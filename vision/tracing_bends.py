@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.tracing import Curves
 from vision.tracing_curves import SLOPE_PX
 from vision.types import Bools, Floats, Ints, read_only
@@ -175,7 +175,7 @@ def _continuation(
     return best, under, beyond, bend
 
 
-@compiled
+@lean
 def _near_bridge(bridged: Bools, begin: int, stop: int, k: int) -> bool:
     """True where a direction taken at a point reaches into a crossing, or over an end."""
     if k - SLOPE_PX < begin or k + SLOPE_PX >= stop:
@@ -183,7 +183,7 @@ def _near_bridge(bridged: Bools, begin: int, stop: int, k: int) -> bool:
     return bool(bridged[k - SLOPE_PX : k + SLOPE_PX + 1].any())
 
 
-@compiled
+@lean
 def _turn_at(
     points: Floats, begin: int, stop: int, k: int, step: int, du: float, dv: float, either: bool
 ) -> float:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.tracing_arms import bending, cubic
 from vision.types import Bools, Floats, Ints, Mask
 
@@ -33,7 +33,7 @@ MOST_ARMS = 14
 """Crossings with more arms are paired best first, not best in all."""
 
 
-@compiled
+@lean
 def _leaves(mask: Mask, one: Floats, other: Floats) -> bool:
     """True when the curve from arm to arm lies on background for too much of its way."""
     steps = int(np.hypot(other[0] - one[0], other[1] - one[1])) + 1
@@ -218,7 +218,7 @@ def _radius_at(edges: Ints, degree: Ints, median: Floats, first: Ints, at: Ints)
     return radius
 
 
-@compiled
+@lean
 def _merge(crossing: Ints, following: Ints, one: int, other: int) -> None:
     """Makes two crossings one."""
     a = min(crossing[one], crossing[other])
@@ -249,7 +249,7 @@ def _ring(following: Ints, first: int) -> Ints:
     return nodes
 
 
-@compiled
+@lean
 def _holes(edges: Ints, lengths_px: Floats, radius: Floats, crossing: Ints, within: Bools) -> None:
     """Marks short edges with both ends in one crossing."""
     for e in range(len(edges)):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.tracing_arms import cubic
 from vision.types import Bools, Floats, Ints, Mask
 
@@ -37,7 +37,7 @@ def smooth(points: Floats, half: int) -> Floats:
     return points
 
 
-@compiled
+@lean
 def is_set(mask: Mask, u: float, v: float) -> bool:
     """True on foreground; outside the picture is none."""
     x = int(np.floor(u + 0.5))
@@ -45,7 +45,7 @@ def is_set(mask: Mask, u: float, v: float) -> bool:
     return bool(0 <= x < mask.shape[1] and 0 <= y < mask.shape[0] and mask[y, x])
 
 
-@compiled
+@lean
 def outline_px(mask: Mask, u: float, v: float, du: float, dv: float, near: float, most: float) -> float:
     """Distance to the outline in a direction; -1 when it is farther than `most`.
 
@@ -293,6 +293,6 @@ def spread(mask: Mask, points: Floats, owner: Ints, most_px: Floats) -> npt.NDAr
     return nearest
 
 
-@compiled
+@lean
 def _square(points: Floats, k: int, x: int, y: int) -> float:
     return float((points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vision.edges import Edges, Ids, Reals
-from vision.flank import SAME_WAY, Counts, nearest_edge
-from vision.jit import compiled
+from vision.edges import SAME_WAY, Edges, Ids, Reals, Signposts
+from vision.flank import Counts, nearest_edge
+from vision.jit import lean
 from vision.refine import UNIT
 from vision.types import Floats, Ints
 
@@ -63,7 +63,7 @@ def traits(hypotheses: Floats, left: Edges, right: Edges, longest_px: float) -> 
     )
     for view, seen in ((0, left), (1, right)):
         free = np.zeros(len(seen.table) + 1, np.uint16)
-        _read(hypotheses, view, seen.table, seen.at, seen.ground, free,
+        _read(hypotheses, view, seen.posts, seen.ground, free,
               found.count, found.ends, found.width, found.value, found.edge, found.ground,
               found.tip_value, found.tip_edge, found.beyond_value, found.beyond_edge)  # fmt: skip
     return found
@@ -81,12 +81,13 @@ def joined(first: Traits, second: Traits) -> Traits:
     )
 
 
-@compiled
+@lean
 def _read(
-    hypotheses: Floats, view: int, table: Reals, at: Ids, ground: npt.NDArray[np.uint8], free: Counts,
+    hypotheses: Floats, view: int, posts: Signposts, ground: npt.NDArray[np.uint8], free: Counts,
     count: npt.NDArray[np.int32], ends: Floats, widths: Floats, value: Reals, edge: Ids,
     inside: npt.NDArray[np.uint8], tip_value: Reals, tip_edge: Ids, beyond_value: Reals, beyond_edge: Ids,
 ) -> None:  # fmt: skip
+    table = posts.table
     for h in range(len(hypotheses)):
         p = hypotheses[h, 1:7]
         xa, ya, xb, yb = p[0] - view * p[2], p[1], p[3] - view * p[5], p[4]
@@ -111,7 +112,7 @@ def _read(
             for side in range(2):
                 sign = -1.0 if side == 0 else 1.0
                 e, off = nearest_edge(
-                    table, at, free, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny,
+                    posts, free, x + sign * nx * half, y + sign * ny * half, -sign * nx, -sign * ny,
                     FLANK_REACH_PX,
                 )  # fmt: skip
                 edge[h, view, q, side] = e
@@ -139,17 +140,19 @@ def _read(
             width = unit * p[3 * end + 2]
             for lane in range(LANES):
                 aside = (lane - 2) * 0.17 * width
-                e, off = nearest_edge(table, at, free, x - oy * aside, y + ox * aside, -ox, -oy, TIP_REACH_PX)
+                e, off = nearest_edge(posts, free, x - oy * aside, y + ox * aside, -ox, -oy, TIP_REACH_PX)
                 tip_edge[h, view, end, lane] = e
                 if e >= 0:
                     tip_value[h, view, end, lane] = table[e, 4] * np.exp(-0.5 * (off / TIP_SIGMA_PX) ** 2)
             for q in range(BEYOND):
                 bx, by = x + (q + 2.5) * ox, y + (q + 2.5) * oy
                 for side in range(2):
+                    if side == 1 and beyond_edge[h, view, end, q, 0] < 0:
+                        break  # one alone counts for nothing
                     sign = -1.0 if side == 0 else 1.0
                     mx, my = -oy * sign, ox * sign
                     e, _ = nearest_edge(
-                        table, at, free, bx + 0.5 * width * mx, by + 0.5 * width * my, -mx, -my,
+                        posts, free, bx + 0.5 * width * mx, by + 0.5 * width * my, -mx, -my,
                         FLANK_REACH_PX,
                     )  # fmt: skip
                     beyond_edge[h, view, end, q, side] = e
@@ -157,7 +160,7 @@ def _read(
                         beyond_value[h, view, end, q, side] = table[e, 4]
 
 
-@compiled
+@lean
 def claimed_edges(table: Reals, at: Ids, ends: Floats, width_a: float, width_b: float, out: Ints) -> int:
     """Edges within `CLAIM_PX` of a part's flanks, and of its ends, that look its way; returns how many."""
     xa, ya, xb, yb = ends[0], ends[1], ends[2], ends[3]

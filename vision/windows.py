@@ -14,7 +14,7 @@ from vision.along import NOTHING, window_value
 from vision.baseline import MOST, NEAR_BASELINE, SLANTS, STEEPEST, TILT_LENGTHS, flat_pair, slanted, wide
 from vision.canvas import Canvas
 from vision.edges import Reals
-from vision.jit import compiled
+from vision.jit import compiled, inlined, lean
 from vision.proposals import Lines
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB
 from vision.types import Floats, Ints
@@ -283,7 +283,7 @@ def _alone(total: Floats, tips: Reals, reach: int, length_px: float, tip: float,
     return found
 
 
-@compiled
+@inlined
 def where_positive(at_zero: float, slope: float, first: float, last: float) -> tuple[float, float]:
     """The stretch of [first, last] where ``at_zero + slope s`` is not negative; empty: last < first."""
     if slope > 1e-12:
@@ -293,7 +293,7 @@ def where_positive(at_zero: float, slope: float, first: float, last: float) -> t
     return first, (last if at_zero >= 0.0 else first - 1.0)
 
 
-@compiled
+@lean
 def within(planes: Floats, x: float, y: float, d: float) -> bool:
     low = planes[0, 0] * x + planes[0, 1] * y + planes[0, 2]
     high = planes[1, 0] * x + planes[1, 1] * y + planes[1, 2]

@@ -121,12 +121,12 @@ def test_an_exchange_puts_the_better_in_and_the_sum_never_falls() -> None:
     now, chosen = fresh(sticks)
     chosen[0] = True
     take(now, 0, np.zeros(4, np.bool_))
-    before = energy(now, chosen)
+    before = energy(now, chosen, np.ones_like(chosen))
 
     assert exchange(now, chosen)
 
     assert chosen[:2].tolist() == [False, True]
-    assert energy(now, chosen) > before
+    assert energy(now, chosen, np.ones_like(chosen)) > before
 
 
 def test_what_is_not_worth_it_is_not_taken_and_does_not_stay() -> None:
@@ -213,7 +213,7 @@ def test_the_sum_of_gains_leaves_the_state_as_it_was(chosen: set[int]) -> None:
         take(now, k, nobody)
     taken = now.taken_l.copy()
 
-    first = energy(now, which)
+    first = energy(now, which, np.ones_like(which))
 
-    assert energy(now, which) == pytest.approx(first)
+    assert energy(now, which, np.ones_like(which)) == pytest.approx(first)
     assert np.array_equal(taken, now.taken_l)

@@ -8,7 +8,7 @@ import pytest
 from tests.reference.looks import Seen, drawn, frame, hypotheses, seen
 from tests.reference.sticks import Stick, lying, pair
 from vision.canvas import in_space
-from vision.edges import Edges
+from vision.edges import Edges, signposts
 from vision.explain import settle
 from vision.refine import (
     DA,
@@ -149,7 +149,14 @@ def scattered(row: Floats, random: np.random.Generator) -> Seen:
         named = np.full((FRAME.on.height_px, FRAME.on.width_px), -1, np.int32)
         for number, (x, y, *_) in enumerate(edges):
             named[int(y + 0.5), int(x + 0.5)] = number
-        views.append(Edges(table=table, at=named, ground=np.ones(named.shape, np.uint8)))
+        views.append(
+            Edges(
+                table=table,
+                at=named,
+                posts=signposts(table, named),
+                ground=np.ones(named.shape, np.uint8),
+            )
+        )
     blank = np.zeros((4, 4), np.uint8)
     return Seen(greys=(blank, blank), left=views[0], right=views[1])
 
