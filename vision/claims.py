@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
 from vision.flank import Counts
-from vision.jit import compiled, inlined, lean
+from vision.jit import inlined, lean
+from vision.neighbours import neighbours
 from vision.traits import BEYOND, LANES, Traits, claimed_edges
 from vision.types import Bools, Floats, Ints
 
@@ -106,7 +107,7 @@ def state(
     longest = int(3 * seen.value.shape[2] * 1.5 * 2) + 64
     near_at, near = np.zeros(n + 1, np.int64), np.zeros(0, np.int64)
     if related:
-        near_at, near = _neighbours(seen.ends, width_px + 2.0)
+        near_at, near = neighbours(seen.ends, width_px + 2.0)
     return State(
         samples=seen.count, ends=seen.ends, width=seen.width, value=seen.value, edge=seen.edge,
         ground=seen.ground, tip_value=seen.tip_value, tip_edge=seen.tip_edge,
@@ -242,44 +243,6 @@ def _apart(s: State, h: int, k: int) -> tuple[float, float]:
     return float(np.sqrt(total)), float(abs(uv) / np.sqrt(uu * vv))
 
 
-@compiled
-def _neighbours(ends: Floats, margin: float) -> tuple[Ints, Ints]:
-    """For each hypothesis those that it can share edges with, cover, or pass through: starts and places."""
-    count = len(ends)
-    starts = np.zeros(count + 1, np.int64)
-    meets = np.zeros((count, count), np.bool_)
-    # most pairs are far apart: upright boxes tell that at a glance
-    low, high = np.empty((count, 2, 2)), np.empty((count, 2, 2))
-    for h in range(count):
-        for view in range(2):
-            for n in range(2):
-                low[h, view, n] = min(ends[h, view, n], ends[h, view, n + 2])
-                high[h, view, n] = max(ends[h, view, n], ends[h, view, n + 2]) + margin
-    for h in range(count):
-        for k in range(h):
-            near = False
-            for view in range(2):
-                near |= (
-                    (low[h, view, 0] <= high[k, view, 0])
-                    & (low[k, view, 0] <= high[h, view, 0])
-                    & (low[h, view, 1] <= high[k, view, 1])
-                    & (low[k, view, 1] <= high[h, view, 1])
-                )
-            if near and _meet_in_picture(ends, h, k, margin):
-                meets[h, k] = True
-                meets[k, h] = True
-    for h in range(count):
-        starts[h + 1] = starts[h] + meets[h].sum()
-    found = np.empty(starts[count], np.int64)
-    for h in range(count):
-        at = starts[h]
-        for k in range(count):
-            if meets[h, k]:
-                found[at] = k
-                at += 1
-    return starts, found
-
-
 @lean
 def relate(s: State, k: int) -> None:
     """What a hypothesis is to each of its neighbours, once it is needed: distance and cosine of the axes, how
@@ -307,30 +270,6 @@ def relate(s: State, k: int) -> None:
                 along, across = abs(mx * dx + my * dy) / size, abs(-mx * dy + my * dx) / size
                 rival = along < 0.35 * s.size_px and across < 1.3 * s.width_px
         s.rival[at] = rival
-
-
-@lean
-def _meet_in_picture(ends: Floats, h: int, k: int, margin: float) -> bool:
-    """Whether two hypotheses come nearer than ``margin`` in either picture, by separating axes."""
-    for view in range(2):
-        apart = False
-        for turn in range(2):
-            first, second = (h, k) if turn == 0 else (k, h)
-            xa, ya = ends[first, view, 0], ends[first, view, 1]
-            dx, dy = ends[first, view, 2] - xa, ends[first, view, 3] - ya
-            size = np.hypot(dx, dy)
-            ux, uy = dx / size, dy / size
-            px, py = ends[second, view, 0] - xa, ends[second, view, 1] - ya
-            qx, qy = ends[second, view, 2] - xa, ends[second, view, 3] - ya
-            c0, c1 = -px * uy + py * ux, -qx * uy + qy * ux
-            t0, t1 = px * ux + py * uy, qx * ux + qy * uy
-            if min(c0, c1) > margin or max(c0, c1) < -margin:
-                apart = True
-            if min(t0, t1) > size + margin or max(t0, t1) < -margin:
-                apart = True
-        if not apart:
-            return True
-    return False
 
 
 @lean

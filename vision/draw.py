@@ -197,7 +197,7 @@ def refusal_text(refused: Refused) -> str:
     if refused.reason in WITHOUT_NUMBER:
         return SHORT[refused.reason]
     if refused.reason is Refusal.CROSSED and refused.unit == "1":
-        return f"{SHORT[refused.reason]} by {refused.value:.0f}"
+        return f"{refused.value:.0f} over it"  # a number beside "by" would read as that of a part
     if refused.reason is Refusal.COLOUR and refused.unit == "rad":
         hue, nearest = np.degrees([refused.value, refused.limit])
         return f"hue {hue:.0f}, not {nearest:.0f} deg"

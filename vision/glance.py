@@ -28,13 +28,13 @@ WHOLE_LENGTHS, WHOLE_TIP, WHOLE_BOTH, GAP_WIDTHS = 0.8, 0.35, 0.6, 0.5
 longest stretch without any: what lies across a part hides both flanks for its own width. The median gap of
 parts with nothing on them is 0.5 widths, that of others 1.7 (82 heaps of 20 and 40)."""
 
-OVER_SHARE, OVER_DIAMETERS, ALONG = 0.6, 0.3, 0.05
-"""Evidence of a hypothesis that crosses above, as a share of the part's own; how much higher it lies; sine of
-the angle below which two lie along each other."""
-BRUSH_SHARE, NEAR_END, BETTER = 0.25, 0.06, 1.2
-"""Of one that meets this near to an end of either, share of its length, less evidence is enough: it hides
-hardly anything of the part, which seems whole all the same. But not if another one has its place in one of
-the pictures with so many times its evidence: then it is a false pair."""
+ALONG = 0.05
+"""Sine of the angle below which two lie along each other."""
+OVER_SHARE, BRUSH_SHARE, BETTER = 0.6, 0.25, 1.2
+"""Evidence of a hypothesis that crosses above, as a share of the part's own. The second is enough unless
+another one has its place in one of the pictures with so many times its evidence: then it is a false pair."""
+UNSURE_DIAMETERS = 0.8
+"""Before they are laid on their edges, hypotheses may seem to lie lower than they do by this much."""
 
 
 def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanation | None:
@@ -53,12 +53,15 @@ def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Exp
     whole = _whole(seen.count, seen.value, seen.ground, seen.tip_value, frame.width_px)
     whole &= gain > WHOLE_LENGTHS * 2 * frame.length_px
     nobody = np.zeros(len(hypotheses), np.bool_)
-    ends, lying = laid(hypotheses, frame), laid(pool, frame)
-    diameter_m = frame.part.diameter_m
+    ends, diameter_m = laid(hypotheses, frame), frame.part.diameter_m
+    about = _about(hypotheses[whole], ends[whole], pool, laid(pool, frame), diameter_m)
+    others = np.ascontiguousarray(pool[about])
+    settle(others, left, right, free, frame, TILT_SHARE, 3, 6.0)
+    lying = laid(others, frame)
     chosen: list[int] = []
     for k in np.argsort(-gain, kind="stable").tolist():
         if not whole[k] or _under(
-            hypotheses[k], ends[k], pool, lying, diameter_m, frame.width_px, frame.length_px
+            hypotheses[k], ends[k], pool, about, lying, diameter_m, frame.width_px, frame.length_px
         ):
             continue
         if claims.gain_of(k, now) > WHOLE_LENGTHS * 2 * frame.length_px:
@@ -113,37 +116,57 @@ def _in_place_of(pool: Floats, row: int, k: int, view: int, width_px: float, len
     return bool(min(high, size) - max(low, 0.0) > 0.4 * length_px)
 
 
+@compiled
+def _about(parts: Floats, ends: Floats, pool: Floats, lying: Floats, diameter_m: float) -> Ints:
+    """Rows of the pool that may lie over any of some parts (C, `COLUMNS`); ``ends`` (C, 2, 3), ``lying``
+    (N, 2, 3) are their own and the pool's ends as `laid` has them."""
+    found = np.empty(len(pool), np.int64)
+    count = 0
+    for k in range(len(pool)):
+        for c in range(len(parts)):
+            if pool[k, SCORE] > BRUSH_SHARE * parts[c, SCORE] and (
+                _above(ends[c], lying[k], diameter_m) > -UNSURE_DIAMETERS * diameter_m
+            ):
+                found[count] = k
+                count += 1
+                break
+    return found[:count]
+
+
+@lean
+def _above(ends: Floats, other: Floats, diameter_m: float) -> float:
+    """How much higher another part (2, 3) lies where it crosses or brushes one, m; -inf: nowhere."""
+    pad_m, longer_m = (0.5 + BRUSH_DIAMETERS) * diameter_m, END_DIAMETERS * diameter_m
+    dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+    ex, ey = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
+    if abs(dx * ey - dy * ex) < ALONG * np.hypot(dx, dy) * np.hypot(ex, ey):
+        return -np.inf
+    if not meet(ends, other, 0.0, 1.0, longer_m, pad_m):
+        return -np.inf
+    s, t = nearest(ends, other)
+    return float((1 - t) * other[0, 2] + t * other[1, 2] - (1 - s) * ends[0, 2] - s * ends[1, 2])
+
+
 @lean
 def _under(
     part: Floats,
     ends: Floats,
     pool: Floats,
+    about: Ints,
     lying: Floats,
     diameter_m: float,
     width_px: float,
     length_px: float,
 ) -> bool:
-    """Whether a hypothesis of the pool passes over a part; ``ends`` (2, 3), ``lying`` (N, 2, 3) are its own
-    and the pool's ends as `laid` has them."""
-    pad_m, longer_m = (0.5 + BRUSH_DIAMETERS) * diameter_m, END_DIAMETERS * diameter_m
-    dx, dy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
-    size = np.hypot(dx, dy)
-    for k in range(len(pool)):
-        if pool[k, SCORE] < BRUSH_SHARE * part[SCORE]:
+    """Whether one of the rows ``about`` of the pool passes over a part; ``ends`` (2, 3), ``lying`` (A, 2, 3)
+    are its own and theirs as `laid` has them."""
+    for place in range(len(about)):
+        score = pool[about[place], SCORE]
+        if score < BRUSH_SHARE * part[SCORE]:
             continue
-        other = lying[k]
-        ex, ey = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1]
-        if abs(dx * ey - dy * ex) < ALONG * size * np.hypot(ex, ey):
+        if _above(ends, lying[place], diameter_m) < 0:
             continue
-        if not meet(ends, other, 0.0, 1.0, longer_m, pad_m):
-            continue
-        s, t = nearest(ends, other)
-        above = (1 - t) * other[0, 2] + t * other[1, 2] - (1 - s) * ends[0, 2] - s * ends[1, 2]
-        if above < OVER_DIAMETERS * diameter_m:
-            continue
-        if pool[k, SCORE] > OVER_SHARE * part[SCORE]:
-            return True
-        if min(s, 1 - s, t, 1 - t) < NEAR_END and not _false(pool, k, width_px, length_px):
+        if score > OVER_SHARE * part[SCORE] or not _false(pool, about[place], width_px, length_px):
             return True
     return False
 

@@ -24,6 +24,8 @@ from vision.refine import (
     TIP_SIGMA_PX,
     UNIT,
     WIDEST,
+    add_flanks,
+    add_flat,
     cap_px,
 )
 from vision.traits import LANES, SAMPLE_PX, claimed_edges
@@ -280,7 +282,7 @@ def _step(
     """One step of Gauss-Newton with Tukey's weights, in place; ``matrix`` (6, 6) its normal matrix."""
     p = part[1:7]
     wide = part[UNIT]
-    right, row = np.zeros(6), np.zeros(6)
+    right = np.zeros(6)
     matrix[:] = 0.0
     spread, spread_of = 0.0, 0
     for view in range(2):
@@ -323,24 +325,11 @@ def _step(
             whole_a += weight * one
             whole_b += weight * share
             missed += weight * miss
-        # what light and calibration shift a whole view by is an unknown too, eliminated (Schur)
         scale = SAMPLE_PX / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
-        common = scale / (scale * whole + 1 / (loose[view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2))
-        aa -= common * whole_a * whole_a
-        ab -= common * whole_a * whole_b
-        bb -= common * whole_b * whole_b
-        ra -= common * whole_a * missed
-        rb -= common * whole_b * missed
-        row[0], row[1], row[2] = nx, ny, -view * nx
-        for a in range(3):
-            right[a] += scale * row[a] * ra
-            right[3 + a] += scale * row[a] * rb
-            for b in range(3):
-                both = scale * row[a] * row[b]
-                matrix[a, b] += both * aa
-                matrix[a, 3 + b] += both * ab
-                matrix[3 + a, b] += both * ab
-                matrix[3 + a, 3 + b] += both * bb
+        add_flanks(
+            view, nx, ny, scale, loose[view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2, (aa, ab, bb), (ra, rb),
+            (whole, whole_a, whole_b, missed), matrix, right,
+        )  # fmt: skip
         for end in range(2):
             _end(p, wide, view, end, ux, uy, tips, FIRST_TIP_PX if reach > TIP_PX else TIP_PX, camera,
                  matrix, right)  # fmt: skip
@@ -403,16 +392,7 @@ def _beliefs(
             right[a] += weight * row[a] * (length - now)
             for b in range(6):
                 matrix[a, b] += weight * row[a] * row[b]
-    tilt = p[2] - p[5] - level[0] * (p[0] - p[3]) - level[1] * (p[1] - p[4])
-    # Cauchy's law: most parts lie flat, and one that clearly does not is believed
-    usual = TILT_SHARE * now * step_d
-    weight = 1 / (usual * usual + tilt * tilt)
-    matrix[2, 2] += weight
-    matrix[5, 5] += weight
-    matrix[2, 5] -= weight
-    matrix[5, 2] -= weight
-    right[2] -= weight * tilt
-    right[5] += weight * tilt
+    add_flat(p, level, TILT_SHARE * now * step_d, matrix, right)
 
 
 @compiled

@@ -46,10 +46,11 @@ DOUBT_DIAMETERS = 0.3
 VAGUE_WEIGHT, HAUNTED_WEIGHT = 1.0, 0.6
 SEEN_END, UNSEEN_WEIGHT, BLIND_WEIGHT = 0.05, 0.06, 0.3
 """Least strength of an end that is seen. Of 677 offered parts of which both pictures show both ends none was
-wrong, of 152 that lack two or more 2, of 27 of which one picture shows no end at all 4 (180 heaps)."""
+wrong, of 152 that lack two or more 2, of 27 of which one picture shows no end at all 4 (180 heaps, counted
+once, when this was set)."""
 HALF_SEEN, HALF_SEEN_WEIGHT = 0.5, 0.3
 """Of 10 parts over which nothing seemed to lie, but less than this share of which shows both flanks in one of
-the pictures, 4 were wrong; of 573 others 12."""
+the pictures, 4 were wrong; of 573 others 12 (the same heaps)."""
 VAGUE_DIAMETERS = 1.0
 """A centre that is not known better than this would be gripped above or below."""
 MOST_ROW_OFFSET_PX = 3.0

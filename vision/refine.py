@@ -12,7 +12,7 @@ import numpy as np
 
 from vision.edges import Signposts
 from vision.flank import Counts, nearest_edge, tip_offset
-from vision.jit import compiled, lean
+from vision.jit import compiled, inlined, lean
 from vision.types import Floats
 
 SCORE, XA, YA, DA, XB, YB, DB, UNIT, LENGTH, KIND = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
@@ -107,6 +107,48 @@ def cap_px(
     if away > 0:
         return CAP_AWAY * reach, CAP_DOUBT * reach
     return 0.0, TOWARDS_DOUBT * reach
+
+
+@inlined
+def add_flanks(
+    view: int, nx: float, ny: float, scale: float, loose: float, squares: tuple[float, float, float],
+    misses: tuple[float, float], whole: tuple[float, float, float, float], matrix: Floats, right: Floats,
+) -> None:  # fmt: skip
+    """Adds what the flanks of one view say across the axis, to the normal equations of the six numbers.
+
+    ``squares`` sums of weights by the shares of both ends, ``misses`` of weighted offsets by either,
+    ``whole`` sums of weights, of weights by either share and of weighted offsets; ``loose`` the variance of
+    what light and calibration shift the whole view by: an unknown too, eliminated (Schur).
+    """
+    common = scale / (scale * whole[0] + 1 / loose)
+    aa = squares[0] - common * whole[1] * whole[1]
+    ab = squares[1] - common * whole[1] * whole[2]
+    bb = squares[2] - common * whole[2] * whole[2]
+    ra, rb = misses[0] - common * whole[1] * whole[3], misses[1] - common * whole[2] * whole[3]
+    row = (nx, ny, -view * nx)
+    for a in range(3):
+        right[a] += scale * row[a] * ra
+        right[3 + a] += scale * row[a] * rb
+        for b in range(3):
+            both = scale * row[a] * row[b]
+            matrix[a, b] += both * aa
+            matrix[a, 3 + b] += both * ab
+            matrix[3 + a, b] += both * ab
+            matrix[3 + a, 3 + b] += both * bb
+
+
+@inlined
+def add_flat(p: Floats, level: Floats, usual: float, matrix: Floats, right: Floats) -> None:
+    """Adds that most parts lie flat: by Cauchy's law, one that clearly does not is believed. ``usual`` is the
+    deviation of the difference of both disparities, px."""
+    tilt = p[2] - p[5] - level[0] * (p[0] - p[3]) - level[1] * (p[1] - p[4])
+    weight = 1 / (usual * usual + tilt * tilt)
+    matrix[2, 2] += weight
+    matrix[5, 5] += weight
+    matrix[2, 5] -= weight
+    matrix[5, 2] -= weight
+    right[2] -= weight * tilt
+    right[5] += weight * tilt
 
 
 @compiled
@@ -236,25 +278,12 @@ def refine(
                     whole_a += weight * one
                     whole_b += weight * share
                     missed += weight * miss
-                # what light and calibration shift a whole view by is an unknown too, eliminated (Schur)
                 scale = spacing / (FLANK_SIGMA_PX * FLANK_SIGMA_PX)
                 loose = bias_sigma[h, view] ** 2 + view * (ny * ROW_SIGMA_PX) ** 2
-                common = scale / (scale * whole + 1 / loose)
-                aa -= common * whole_a * whole_a
-                ab -= common * whole_a * whole_b
-                bb -= common * whole_b * whole_b
-                ra -= common * whole_a * missed
-                rb -= common * whole_b * missed
-                row[0], row[1], row[2] = nx, ny, -view * nx
-                for a in range(3):
-                    right[a] += scale * row[a] * ra
-                    right[3 + a] += scale * row[a] * rb
-                    for b in range(3):
-                        both = scale * row[a] * row[b]
-                        matrix[a, b] += both * aa
-                        matrix[a, 3 + b] += both * ab
-                        matrix[3 + a, b] += both * ab
-                        matrix[3 + a, 3 + b] += both * bb
+                add_flanks(
+                    view, nx, ny, scale, loose, (aa, ab, bb), (ra, rb), (whole, whole_a, whole_b, missed),
+                    matrix, right,
+                )  # fmt: skip
                 for end in range(2):
                     ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
                     x, y = (xa, ya) if end == 0 else (xb, yb)
@@ -282,16 +311,7 @@ def refine(
                 right[a] += weight * row[a] * (length - now)
                 for b in range(6):
                     matrix[a, b] += weight * row[a] * row[b]
-            tilt = p[2] - p[5] - level[0] * (p[0] - p[3]) - level[1] * (p[1] - p[4])
-            # Cauchy's law: most parts lie flat, and one that clearly does not is believed
-            usual = tilt_share * now * step_d
-            weight = 1 / (usual * usual + tilt * tilt)
-            matrix[2, 2] += weight
-            matrix[5, 5] += weight
-            matrix[2, 5] -= weight
-            matrix[5, 2] -= weight
-            right[2] -= weight * tilt
-            right[5] += weight * tilt
+            add_flat(p, level, tilt_share * now * step_d, matrix, right)
             own[:] = matrix
             for a in range(6):
                 matrix[a, a] += DAMPING

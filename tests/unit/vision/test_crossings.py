@@ -108,6 +108,34 @@ def test_two_that_lie_side_by_side_do_not_lie_on_each_other(apart_m: float) -> N
     assert found.beside[1, 0]
 
 
+@pytest.mark.parametrize(("higher_m", "may_lie_on"), [(-0.001, False), (0.001, True), (0.003, False)])
+def test_of_two_side_by_side_only_one_a_little_higher_may_lie_on_the_other(
+    higher_m: float, may_lie_on: bool
+) -> None:
+    low = lying(0.0, 0.0, 0, height_m=0.004)
+
+    found = relation([low, lying(0.01, 0.0048, 0, height_m=0.004 + higher_m)], 0.1)
+
+    assert not found.above.any()
+    assert found.beside[1, 0] == may_lie_on
+    assert found.beside[0, 1] == (higher_m == -0.001)
+
+
+def test_where_an_end_lies_on_a_part_flanks_that_go_on_tell_nothing() -> None:
+    """Depth says little, and the lower part's flanks go on beside the end that lies on it."""
+    low = lying(0.0, 0.0, 0, height_m=0.002)
+    high = lying(0.0, 0.048, 90, height_m=0.006)
+    rows = hypotheses([low, high], FRAME)
+    now = state_of(rows, drawn([low, high], FRAME), FRAME)
+    now.value[0], now.value[1] = 1.0, 0.0
+    covariance = np.tile(np.eye(6), (2, 1, 1))
+
+    found = crossed(rows, covariance, [0, 1], now, FRAME)
+
+    assert found.above[1, 0] > 0
+    assert found.above[0, 1] == 0
+
+
 def weighing(above: Floats, sure: Floats | float = 3.0) -> Crossed:
     none = np.zeros(above.shape, np.bool_)
     sure = np.broadcast_to(sure, above.shape)
@@ -165,11 +193,13 @@ def test_who_hardly_seems_to_lie_above_waits_for_who_crosses_nothing() -> None:
     assert order(0.5)[0] == 2
 
 
-def test_who_may_touch_another_waits_for_who_does_not() -> None:
+def test_who_may_have_another_on_it_waits_for_who_has_not() -> None:
     found = weighing(np.zeros((3, 3)))
     found.beside[0, 1] = found.beside[1, 0] = True
 
     assert order_of(found, [9.0, 8.0, 1.0]) == [2, 0, 1]
+    found.beside[0, 1] = False
+    assert order_of(found, [9.0, 8.0, 1.0]) == [1, 0, 2]
 
 
 def test_who_is_hardly_known_is_not_the_first() -> None:

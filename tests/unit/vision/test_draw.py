@@ -167,7 +167,7 @@ def test_a_picture_of_another_size_is_refused() -> None:
         ),
         (Refused(reason=Refusal.TILT, value=0.9, limit=0.7, unit="rad"), "tilt 52 > 40 deg"),
         (Refused(reason=Refusal.LOW_SCORE, value=0.1, limit=0.3, unit="1"), "score 0.10 < 0.30"),
-        (Refused(reason=Refusal.CROSSED, value=2.0, limit=0.0, unit="1"), "covered by 2"),
+        (Refused(reason=Refusal.CROSSED, value=2.0, limit=0.0, unit="1"), "2 over it"),
         (Refused(reason=Refusal.COLOUR, value=3.9, limit=0.244, unit="rad"), "hue 223, not 14 deg"),
         (Refused(reason=Refusal.COLOUR, value=0.04, limit=0.07, unit="1"), "colour 0.04 < 0.07"),
         (Refused(reason=Refusal.FLANKS, value=0.05, limit=0.1, unit="1"), "one flank 0.05 < 0.10"),

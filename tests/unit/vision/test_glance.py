@@ -8,7 +8,7 @@ import pytest
 from tests.reference.looks import frame, pool_of, seen, worst_end_m
 from tests.reference.sticks import Stick, lying, pair
 from vision.glance import at_first_sight
-from vision.refine import COLUMNS, KIND
+from vision.refine import COLUMNS, DA, DB, KIND
 from vision.types import Floats
 
 FRAME = frame()
@@ -43,6 +43,23 @@ def test_of_two_that_cross_the_lower_is_not_certain(angle_deg: int) -> None:
 
     for row in told([below, above]):
         assert worst_end_m(row, above, FRAME) < 0.003
+
+
+@pytest.mark.parametrize("angle_deg", [40, 90, 120])
+def test_one_that_only_seems_to_lie_below_is_laid_on_its_edges_before_it_is_believed(angle_deg: int) -> None:
+    """Two lines tell a disparity to a few px only. Here they make the upper one the lower."""
+    below = lying(0.0, 0.0, angle_deg)
+    above = lying(0.0, 0.0, angle_deg + 65, height_m=0.006)
+    pictures = seen(pair([below, above]), FRAME)
+    pool = pool_of(pictures, FRAME).copy()
+    upper = [n for n, row in enumerate(pool) if worst_end_m(row, above, FRAME) < 0.015]
+    assert upper
+    pool[np.ix_(upper, [DA, DB])] -= 1.5 * FRAME.diameter_d
+
+    found = at_first_sight(pool, pictures.left, pictures.right, FRAME)
+
+    rows = [] if found is None else found.hypotheses[found.chosen]
+    assert all(worst_end_m(row, below, FRAME) > 0.01 for row in rows)
 
 
 @pytest.mark.parametrize("angle_deg", [60, 90, 110])
