@@ -58,7 +58,7 @@ def test_one_that_only_seems_to_lie_below_is_laid_on_its_edges_before_it_is_beli
 
     found = at_first_sight(pool, pictures.left, pictures.right, FRAME)
 
-    rows = [] if found is None else found.hypotheses[found.chosen]
+    rows = np.zeros((0, COLUMNS)) if found is None else found.hypotheses[found.chosen]
     assert all(worst_end_m(row, below, FRAME) > 0.01 for row in rows)
 
 
