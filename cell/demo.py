@@ -144,7 +144,7 @@ def demo(wish: Wish) -> int:
             raise UsageError(f"{needed}: not found; run the demo in the checkout, or give --config")
     _clear(wish.out)
     console = Console(highlight=False, soft_wrap=True)
-    console.print("Compiling the detector: a minute or two on a new machine, a second later on.")
+    console.print("Compiling the detector: about three minutes on a new machine, a second later on.")
     # here and not while the PLC waits for the cell to be ready
     warm_up()
     clock = MonotonicClock()
