@@ -27,6 +27,7 @@ from vision.refine import (
     add_flanks,
     add_flat,
     cap_px,
+    solve,
 )
 from vision.traits import LANES, SAMPLE_PX, claimed_edges
 from vision.types import Bools, Floats, Ints
@@ -397,24 +398,10 @@ def _beliefs(
 
 @compiled
 def _move(p: Floats, matrix: Floats, right: Floats) -> None:
-    """One damped step: Cholesky's root of the matrix, forwards and backwards."""
-    root, step = np.zeros((6, 6)), np.zeros(6)
+    """One damped step; ``right`` becomes it."""
+    damped = matrix.copy()
     for a in range(6):
-        for b in range(a + 1):
-            total = matrix[a, b] + (DAMPING if a == b else 0.0)
-            for n in range(b):
-                total -= root[a, n] * root[b, n]
-            root[a, b] = np.sqrt(max(total, 1e-12)) if a == b else total / root[b, b]
+        damped[a, a] += DAMPING
+    solve(damped, right)
     for a in range(6):
-        total = right[a]
-        for n in range(a):
-            total -= root[a, n] * step[n]
-        step[a] = total / root[a, a]
-    for a in range(5, -1, -1):
-        total = step[a]
-        for n in range(a + 1, 6):
-            total -= root[n, a] * step[n]
-        step[a] = total / root[a, a]
-    for a in range(6):
-        p[a] += min(max(step[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)
-    p[2], p[5] = max(p[2], 1.0), max(p[5], 1.0)
+        p[a] += min(max(right[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)

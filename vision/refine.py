@@ -58,7 +58,7 @@ def _length_and_slope(p: Floats, fb: float, focal: float, cx: float, cy: float, 
 
 
 @lean
-def _solve(matrix: Floats, right: Floats) -> None:
+def solve(matrix: Floats, right: Floats) -> None:
     """Solve a positive definite system of six in place, by Cholesky; ``right`` becomes the solution."""
     for a in range(6):
         for b in range(a + 1):
@@ -315,7 +315,7 @@ def refine(
             own[:] = matrix
             for a in range(6):
                 matrix[a, a] += DAMPING
-            _solve(matrix, right)
+            solve(matrix, right)
             for a in range(6):
                 p[a] += min(max(right[a], -LONGEST_STEP_PX), LONGEST_STEP_PX)
             p[2], p[5] = max(p[2], 1.0), max(p[5], 1.0)

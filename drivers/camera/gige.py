@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from contextlib import ExitStack
 from typing import Final
 
 import structlog
@@ -67,14 +68,13 @@ class GigeSource:
         self.stop()
         self._dead = None
         library = aravis.load(self._name)
-        try:
-            self._start(library)
-        except library.Error as error:
-            self.stop()
-            raise self._told(error) from error
-        except BaseException:
-            self.stop()
-            raise
+        with ExitStack() as undo:
+            undo.callback(self.stop)
+            try:
+                self._start(library)
+            except library.Error as error:
+                raise self._told(error) from error
+            undo.pop_all()
 
     def _start(self, library: Aravis) -> None:
         camera = library.camera(self._device_id(library))

@@ -6,6 +6,7 @@ missing (it counts neither), whether the power line frequency and the rate in th
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import Final
 
 import cv2
@@ -56,16 +57,15 @@ class OpencvSource:
             VideoDevice(path).close()  # OpenCV does not say why it cannot open
         capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         self._capture = capture
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.stop)
             if not capture.isOpened():
                 raise DeviceUnavailable(
                     self._name,
                     f"OpenCV cannot open {path}: it delivers no pictures or another program has it",
                 )
             self._configure(capture)
-        except BaseException:
-            self.stop()
-            raise
+            undo.pop_all()
 
     def stop(self) -> None:
         """Let go."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import Final
 
 import cv2
@@ -56,11 +57,10 @@ class TwoCameraRig:
     def open(self) -> None:
         """Open both; if the second fails, the first is closed again."""
         self._left.open()
-        try:
+        with ExitStack() as undo:
+            undo.callback(self._left.close)
             self._right.open()
-        except BaseException:
-            self._left.close()
-            raise
+            undo.pop_all()
 
     def close(self) -> None:
         """Close both."""

@@ -9,6 +9,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
@@ -64,12 +65,11 @@ class V4l2Source:
         with told_as_ours(self._name, path, "open"):
             device = self._opener(path)
         self._device = device
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.stop)
             with told_as_ours(self._name, path, "configure"):
                 self._configure(device)
-        except BaseException:
-            self.stop()
-            raise
+            undo.pop_all()
         self._last_sequence = None
 
     def stop(self) -> None:

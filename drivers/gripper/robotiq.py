@@ -13,6 +13,7 @@ they were told to leave.
 from __future__ import annotations
 
 import socket
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
@@ -109,15 +110,14 @@ class RobotiqGripper:
         The fingers move only where it has to be activated and ``activate`` is set.
         """
         self._opened = True
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.close)
             status = self._status()
             if status.active != _ACTIVE and status.fault in (0, 5, 7) and self._settings.activate:
                 self._activate()
                 status = self._status()
             self._refuse_unfit(status)
-        except BaseException:
-            self.close()
-            raise
+            undo.pop_all()
 
     def close(self) -> None:
         """Disconnect; the fingers stay as they are."""
