@@ -10,11 +10,14 @@ import numpy as np
 
 from vision.claims import PARALLEL, THROUGH, State, gain_of, give_back, lay, lift, relate, take
 from vision.jit import compiled, lean
+from vision.neighbours import cells_of, row_of_cells
 from vision.types import Bools, Floats, Ints
 
 ACCEPT_LENGTHS, KEEP_LENGTHS = 0.15, 0.15
 """Least gain of a part that is taken, and that stays, in part lengths and view."""
 LEAST_ALONE, RIVAL_SHARE = -0.5, 0.65
+SAME_WIDTHS, SAME_LENGTHS = 0.7, 0.35
+"""How far aside and beyond the ends of a rival a hypothesis lies in its place."""
 LEAST_RISE = 0.02
 
 
@@ -30,13 +33,20 @@ def promising(s: State) -> Bools:
         # what is unseen may be hidden, and the state does not know by what
         if s.gain[h] < LEAST_ALONE * least:
             keep[h] = False
+    middle, longest = np.empty((count, 2)), 1.0
     for h in range(count):
-        if not keep[h]:
-            continue
-        for k in range(count):
-            if s.gain[k] * RIVAL_SHARE > s.gain[h] and _same_place(s, h, k):
-                keep[h] = False
-                break
+        xa, ya, xb, yb = s.ends[h, 0, 0], s.ends[h, 0, 1], s.ends[h, 0, 2], s.ends[h, 0, 3]
+        middle[h, 0], middle[h, 1] = 0.5 * (xa + xb), 0.5 * (ya + yb)
+        longest = max(longest, np.hypot(xb - xa, yb - ya))
+    # the middle of what lies in a rival's place lies on the rival
+    cells = cells_of(middle, 0.5 * longest + SAME_LENGTHS * s.size_px + SAME_WIDTHS * s.width_px)
+    for h in range(count):
+        for turn in range(3):
+            first, last = row_of_cells(cells, h, turn)
+            for q in range(first, last):
+                k = cells.members[q]
+                if keep[h] and s.gain[k] * RIVAL_SHARE > s.gain[h] and _same_place(s, h, k):
+                    keep[h] = False
     return keep
 
 
@@ -50,10 +60,10 @@ def _same_place(s: State, h: int, k: int) -> bool:
         ux, uy = dx / size, dy / size
         for end in range(2):
             px, py = s.ends[h, view, 2 * end] - xa, s.ends[h, view, 2 * end + 1] - ya
-            if abs(-px * uy + py * ux) > 0.7 * s.width_px:
+            if abs(-px * uy + py * ux) > SAME_WIDTHS * s.width_px:
                 return False
             along = px * ux + py * uy
-            if along < -0.35 * s.size_px or along > size + 0.35 * s.size_px:
+            if along < -SAME_LENGTHS * s.size_px or along > size + SAME_LENGTHS * s.size_px:
                 return False
     return True
 

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Reals
+from vision.ends import LANES
 from vision.flank import Counts
 from vision.jit import inlined, lean
 from vision.neighbours import neighbours
-from vision.traits import BEYOND, LANES, Traits, claimed_edges
+from vision.traits import BEYOND, Traits, claimed_edges
 from vision.types import Bools, Floats, Ints
 
 UNSEEN, HIDDEN, BACKGROUND, OUTSIDE = 0.35, 0.08, 1.5, 0.35

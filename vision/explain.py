@@ -86,7 +86,7 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
     hypotheses = hypotheses[np.argsort(-hypotheses[:, SCORE], kind="stable")]
     hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
     hypotheses = np.ascontiguousarray(hypotheses[distinct(hypotheses, SAME_PX)])
-    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    seen = traits(hypotheses, left, right, frame.camera, LONGEST_LENGTHS * frame.length_px)
     kept = np.flatnonzero(choice.promising(state_of(hypotheses, seen, left, right, frame, False)))
     hypotheses, seen = np.ascontiguousarray(hypotheses[kept]), some(seen, kept)
     chosen = np.zeros(len(hypotheses), np.bool_)
@@ -104,7 +104,7 @@ def explain(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Explanatio
             choice.deepen(now, chosen, 0.0, DEEP_TRIALS)
             break
         added = _on_own_edges(hypotheses, chosen, now, left, right, frame)
-        seen = joined(seen, traits(added, left, right, LONGEST_LENGTHS * frame.length_px))
+        seen = joined(seen, traits(added, left, right, frame.camera, LONGEST_LENGTHS * frame.length_px))
         grown = np.concatenate([hypotheses, added])
         kept = distinct(grown, SAME_PX)
         hypotheses, seen = np.ascontiguousarray(grown[kept]), some(seen, kept)

@@ -47,7 +47,7 @@ def at_first_sight(pool: Floats, left: Edges, right: Edges, frame: Frame) -> Exp
     free = (np.zeros(len(left.table) + 1, np.uint16), np.zeros(len(right.table) + 1, np.uint16))
     settle(hypotheses, left, right, free, frame, TILT_SHARE, 4, 3.0)
     hypotheses = np.ascontiguousarray(hypotheses[sound(hypotheses, frame)])
-    seen = traits(hypotheses, left, right, LONGEST_LENGTHS * frame.length_px)
+    seen = traits(hypotheses, left, right, frame.camera, LONGEST_LENGTHS * frame.length_px)
     now = state_of(hypotheses, seen, left, right, frame, True)
     gain = np.array([claims.gain_of(k, now) for k in range(len(hypotheses))])
     whole = _whole(seen.count, seen.value, seen.ground, seen.tip_value, frame.width_px)

@@ -9,27 +9,25 @@ from __future__ import annotations
 import numpy as np
 
 from vision.edges import Ids, Signposts
+from vision.ends import LANES, add_end, cap_px, look_at_ends
 from vision.explain import LENGTH_SIGMA_SHARE, UNSHADED_SIGMA_PX
 from vision.flank import Counts, nearest_edge
 from vision.jit import compiled, inlined, lean
 from vision.refine import (
     DAMPING,
     FLANK_SIGMA_PX,
-    HIDDEN_SIGMA_PX,
     LENGTH,
     LONGEST_STEP_PX,
     NARROWEST,
     ONE_FLANK_WEIGHT,
     ROW_SIGMA_PX,
-    TIP_SIGMA_PX,
     UNIT,
     WIDEST,
     add_flanks,
     add_flat,
-    cap_px,
     solve,
 )
-from vision.traits import LANES, SAMPLE_PX, claimed_edges
+from vision.traits import SAMPLE_PX, claimed_edges
 from vision.types import Bools, Floats, Ints
 
 TILT_SHARE = 0.05
@@ -82,7 +80,7 @@ def measure(
     mine_l, mine_r = np.empty(MOST_CLAIMS, np.int64), np.empty(MOST_CLAIMS, np.int64)
     longest = int(np.hypot(at_l.shape[0], at_l.shape[1]) / SAMPLE_PX) + 1
     spots, tips = np.empty((2, longest, 2, 2)), np.empty((2, 2, LANES, 2))
-    steps = np.zeros(2, np.int64)
+    far_rim, steps = np.zeros((2, 2), np.bool_), np.zeros(2, np.int64)
     none, unsure = np.zeros((2, 2)), np.full(2, UNSHADED_SIGMA_PX)
     matrix, at_spots = np.zeros((6, 6)), np.zeros(6)
     for place in range(len(parts)):
@@ -94,21 +92,21 @@ def measure(
         for c in range(many_r):
             taken_r[mine_r[c]] -= np.uint16(1)
         plain, one = parts[place].copy(), parts[place].copy()
-        _recall(plain, 0, edge[k, 0], left, taken_l, spots, tips, steps)
-        _recall(plain, 1, edge[k, 1], right, taken_r, spots, tips, steps)
+        _recall(plain, 0, edge[k, 0], left, taken_l, spots, tips, far_rim, steps, camera)
+        _recall(plain, 1, edge[k, 1], right, taken_r, spots, tips, far_rim, steps, camera)
         for turn in range(2):
-            _step(plain, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, none, unsure,
-                  matrix)  # fmt: skip
+            _step(plain, REACH_PX[turn], spots, tips, far_rim, steps, camera, level, unit, step_d, none,
+                  unsure, matrix)  # fmt: skip
         before = np.trace(matrix)
         covariance[place] = matrix
         at_spots[:] = one[1:7]
         for turn in range(len(REACH_PX)):
             if turn in GATHERED:
                 far = np.abs(one[1:7] - at_spots).max() > STILL_PX
-                _look_again(one, 0, far, REACH_PX[turn], left, taken_l, spots, tips, steps)
-                _look_again(one, 1, far, REACH_PX[turn], right, taken_r, spots, tips, steps)
+                _look_again(one, 0, far, REACH_PX[turn], left, taken_l, spots, tips, far_rim, steps, camera)
+                _look_again(one, 1, far, REACH_PX[turn], right, taken_r, spots, tips, far_rim, steps, camera)
                 at_spots[:] = one[1:7]
-            _step(one, REACH_PX[turn], spots, tips, steps, camera, level, unit, step_d, shift[place],
+            _step(one, REACH_PX[turn], spots, tips, far_rim, steps, camera, level, unit, step_d, shift[place],
                   loose[place], matrix)  # fmt: skip
         moved = np.abs(one[1:7] - parts[place, 1:7]).max()
         if moved > MOST_MOVED_PX or np.trace(matrix) < LEAST_KEPT * before:
@@ -126,7 +124,7 @@ def measure(
             free[place] = one
             free[place, LENGTH] = 0.0
             for _ in range(FREE_ROUNDS):
-                _step(free[place], FREE_REACH_PX, spots, tips, steps, camera, level, unit, step_d,
+                _step(free[place], FREE_REACH_PX, spots, tips, far_rim, steps, camera, level, unit, step_d,
                       shift[place], loose[place], matrix)  # fmt: skip
         parts[place] = one
         for c in range(many_l):
@@ -185,7 +183,7 @@ def _strain(part: Floats, reach: float, spots: Floats, steps: Ints, unit: float,
 @lean
 def _recall(
     part: Floats, view: int, edge: Ids, posts: Signposts, taken: Counts,
-    spots: Floats, tips: Floats, steps: Ints,
+    spots: Floats, tips: Floats, far_rim: Bools, steps: Ints, camera: Floats,
 ) -> None:  # fmt: skip
     """The nearest free edge of either flank at stations along a part in one view, NaN where there is none:
     the one that was found when the part was looked at, ``edge`` (S, 2), or else the nearest of those left."""
@@ -210,13 +208,13 @@ def _recall(
                 )  # fmt: skip
             if e >= 0:
                 spots[view, q, side, 0], spots[view, q, side, 1] = posts.table[e, 0], posts.table[e, 1]
-    _look_at_ends(part, view, FIRST_TIP_PX, posts, taken, tips)
+    look_at_ends(part[1:7], part[UNIT], view, False, FIRST_TIP_PX, posts, taken, camera, tips, far_rim)
 
 
 @lean
 def _look_again(
     part: Floats, view: int, far: bool, reach: float, posts: Signposts, taken: Counts,
-    spots: Floats, tips: Floats, steps: Ints,
+    spots: Floats, tips: Floats, far_rim: Bools, steps: Ints, camera: Floats,
 ) -> None:  # fmt: skip
     """The same after a part has moved. An edge near the flank stays its own; where there was none within a
     larger reach there is none now, unless the part has moved ``far``."""
@@ -237,24 +235,7 @@ def _look_again(
             spots[view, q, side] = np.nan
             if e >= 0:
                 spots[view, q, side, 0], spots[view, q, side, 1] = posts.table[e, 0], posts.table[e, 1]
-    _look_at_ends(part, view, TIP_PX, posts, taken, tips)
-
-
-@lean
-def _look_at_ends(
-    part: Floats, view: int, reach: float, posts: Signposts, taken: Counts, tips: Floats
-) -> None:
-    """The nearest free edge in each lane of both ends in one view, NaN where there is none."""
-    xa, ya, ux, uy, size = _axis(part, view)
-    for end in range(2):
-        ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
-        x, y = (xa, ya) if end == 0 else (xa + size * ux, ya + size * uy)
-        for lane in range(LANES):
-            aside = (lane - 2) * 0.17 * part[UNIT] * part[3 + 3 * end]
-            e, _ = nearest_edge(posts, taken, x - oy * aside, y + ox * aside, -ox, -oy, reach)
-            tips[view, end, lane] = np.nan
-            if e >= 0:
-                tips[view, end, lane, 0], tips[view, end, lane, 1] = posts.table[e, 0], posts.table[e, 1]
+    look_at_ends(part[1:7], part[UNIT], view, True, TIP_PX, posts, taken, camera, tips, far_rim)
 
 
 @inlined
@@ -277,8 +258,8 @@ def _station(part: Floats, view: int, share: float) -> tuple[float, float, float
 
 @compiled
 def _step(
-    part: Floats, reach: float, spots: Floats, tips: Floats, steps: Ints, camera: Floats, level: Floats,
-    unit: float, step_d: float, shift: Floats, loose: Floats, matrix: Floats,
+    part: Floats, reach: float, spots: Floats, tips: Floats, far_rim: Bools, steps: Ints, camera: Floats,
+    level: Floats, unit: float, step_d: float, shift: Floats, loose: Floats, matrix: Floats,
 ) -> None:  # fmt: skip
     """One step of Gauss-Newton with Tukey's weights, in place; ``matrix`` (6, 6) its normal matrix."""
     p = part[1:7]
@@ -332,8 +313,8 @@ def _step(
             (whole, whole_a, whole_b, missed), matrix, right,
         )  # fmt: skip
         for end in range(2):
-            _end(p, wide, view, end, ux, uy, tips, FIRST_TIP_PX if reach > TIP_PX else TIP_PX, camera,
-                 matrix, right)  # fmt: skip
+            _end(p, wide, view, end, ux, uy, tips, far_rim[view, end],
+                 FIRST_TIP_PX if reach > TIP_PX else TIP_PX, camera, matrix, right)  # fmt: skip
     _beliefs(p, part[LENGTH], camera, level, step_d, matrix, right)
     _move(p, matrix, right)
     if spread_of * SAMPLE_PX > 20:
@@ -342,34 +323,20 @@ def _step(
 
 @lean
 def _end(
-    p: Floats, wide: float, view: int, end: int, ux: float, uy: float, tips: Floats, reach: float,
+    p: Floats, wide: float, view: int, end: int, ux: float, uy: float, tips: Floats, far: bool, reach: float,
     camera: Floats, matrix: Floats, right: Floats,
 ) -> None:  # fmt: skip
     """Adds where one end is seen along the axis in one view."""
     ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
     x, y = p[3 * end] - view * p[3 * end + 2], p[3 * end + 1]
+    cap, doubt = cap_px(p, end, view, wide * p[3 * end + 2], camera, far)
     total, lanes = 0.0, 0
     for lane in range(LANES):
-        off = (tips[view, end, lane, 0] - x) * ox + (tips[view, end, lane, 1] - y) * oy
+        off = (tips[view, end, lane, 0] - x) * ox + (tips[view, end, lane, 1] - y) * oy - cap
         if abs(off) <= reach:
             total += off
             lanes += 1
-    off = 0.0
-    if lanes < 2:
-        # a hidden end: the window says where it is, to a few pixels
-        weight = 0.5 / (HIDDEN_SIGMA_PX * HIDDEN_SIGMA_PX)
-    else:
-        cap, doubt = cap_px(
-            p, end, view, wide * p[3 * end + 2], camera[0] * camera[1], camera[0], camera[1], camera[2],
-            camera[3],
-        )  # fmt: skip
-        off = total / lanes - cap
-        weight = lanes / LANES / (TIP_SIGMA_PX * TIP_SIGMA_PX + doubt * doubt)
-    row = (ox, oy, -view * ox)
-    for a in range(3):
-        right[3 * end + a] += weight * row[a] * off
-        for b in range(3):
-            matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
+    add_end(view, end, ox, oy, total / max(lanes, 1), lanes, doubt, matrix, right)
 
 
 @lean

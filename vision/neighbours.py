@@ -2,10 +2,63 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vision.jit import compiled, lean
 from vision.types import Floats, Ints
+
+
+class Cells(NamedTuple):
+    """Places in square cells of ``size`` px.
+
+    Those of cell ``c`` are ``members[starts[c] : starts[c + 1]]``, in their order; ``cell`` (N, 2) column and
+    row of each place; ``columns``, ``rows`` how many there are.
+    """
+
+    size: float
+    starts: Ints
+    members: Ints
+    cell: Ints
+    columns: int
+    rows: int
+
+
+@compiled
+def cells_of(at: Floats, size: float) -> Cells:
+    """Places (N, 2) by cells: what is within ``size`` px of a place is in its cell or in one beside it."""
+    count = len(at)
+    cell = np.zeros((count, 2), np.int64)
+    if count > 0:
+        left, top = at[:, 0].min(), at[:, 1].min()
+        for k in range(count):
+            cell[k, 0], cell[k, 1] = int((at[k, 0] - left) / size), int((at[k, 1] - top) / size)
+    columns, rows = 1, 1
+    for k in range(count):
+        columns, rows = max(columns, cell[k, 0] + 1), max(rows, cell[k, 1] + 1)
+    starts, members = np.zeros(columns * rows + 1, np.int64), np.empty(count, np.int64)
+    for k in range(count):
+        starts[cell[k, 1] * columns + cell[k, 0] + 1] += 1
+    for c in range(columns * rows):
+        starts[c + 1] += starts[c]
+    filled = starts[:-1].copy()
+    for k in range(count):
+        c = cell[k, 1] * columns + cell[k, 0]
+        members[filled[c]] = k
+        filled[c] += 1
+    return Cells(size, starts, members, cell, columns, rows)
+
+
+@lean
+def row_of_cells(cells: Cells, place: int, turn: int) -> tuple[int, int]:
+    """Where the members of the cell of a place and of both cells beside it begin and end, in the row of cells
+    above it, its own and the one below: ``turn`` 0, 1, 2."""
+    column, row = cells.cell[place, 0], cells.cell[place, 1] + turn - 1
+    if row < 0 or row >= cells.rows:
+        return 0, 0
+    first, last = max(column - 1, 0), min(column + 1, cells.columns - 1)
+    return int(cells.starts[row * cells.columns + first]), int(cells.starts[row * cells.columns + last + 1])
 
 
 @compiled

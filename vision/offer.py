@@ -13,7 +13,7 @@ from vision.crossings import Crossed, ranked
 from vision.edges import Reals
 from vision.explain import Explanation, Frame
 from vision.jit import compiled
-from vision.polish import BEYOND_SHARES, Measured, sigmas
+from vision.polish import BEYOND_SHARES, SEEN, Measured, sigmas
 from vision.refine import KIND, UNIT
 from vision.sizes import LEAST_LEAD, Size, size_of
 from vision.types import (
@@ -33,7 +33,8 @@ from vision.types import (
 GOES_ON = 0.3
 """A part whose flanks go on beyond an unseen end on this share of the way is longer than it should be."""
 LEAST_BOTH = 0.15
-"""Least share of a part along which both its flanks are seen: one edge alone is anything."""
+"""Least share of a part along which both its flanks are clearly seen: one edge alone is anything, and the
+grain of what lies beside it makes faint ones."""
 WIDTH_SHARE = (0.72, 1.25)
 BOW_WIDTHS = 0.09
 OUTSIDE_SHARE = 0.02
@@ -190,7 +191,8 @@ def _seen(
 def _coverage(
     rows: Ints, count: npt.NDArray[np.int32], value: Reals, ground: npt.NDArray[np.uint8]
 ) -> tuple[Floats, Floats]:
-    """(C,) mean share of the samples of both views with both flanks; the larger share off the picture."""
+    """(C,) mean share of the samples of both views with both flanks, `SEEN` or more; the larger share off the
+    picture."""
     both, outside = np.zeros(len(rows)), np.zeros(len(rows))
     for place in range(len(rows)):
         k = rows[place]
@@ -198,7 +200,7 @@ def _coverage(
             steps = count[k, view]
             flanks = off = 0
             for q in range(steps):
-                if value[k, view, q, 0] > 0 and value[k, view, q, 1] > 0:
+                if value[k, view, q, 0] > SEEN and value[k, view, q, 1] > SEEN:
                     flanks += 1
                 if ground[k, view, q] == 2:
                     off += 1

@@ -326,5 +326,5 @@ def _shift(
         )
     )
     limit = shading.LARGEST_RADII * radius[:, None, None]
-    loose = np.where(sound, np.hypot(SHADED_SIGMA_PX, left * radius[:, None]), unsure)
+    loose = np.where(sound, np.hypot(SHADED_SIGMA_PX, shading.MISS_RADII * left * radius[:, None]), unsure)
     return np.clip(shift, -limit, limit), loose, shading.GAMMAS[kind], blur

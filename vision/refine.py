@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from vision.edges import Signposts
+from vision.ends import add_end, cap_px
 from vision.flank import Counts, nearest_edge, tip_offset
 from vision.jit import compiled, inlined, lean
 from vision.types import Floats
@@ -20,15 +21,11 @@ COLUMNS = 10
 """A hypothesis: score, both ends (x, y, d), width over disparity, known length m (0: unknown), which
 product it is (-1: none of them)."""
 NARROWEST, WIDEST = 0.65, 1.35
-FLANK_SIGMA_PX, TIP_SIGMA_PX, HIDDEN_SIGMA_PX = 0.33, 0.4, 4.0
+FLANK_SIGMA_PX = 0.33
 ROW_SIGMA_PX = 0.05
 """What a good calibration leaves between the rows of the two pictures."""
 ONE_FLANK_WEIGHT = 0.25
 """One flank tells the middle only as well as the width is known."""
-CAP_AWAY, CAP_DOUBT, TOWARDS_DOUBT = 0.7, 0.2, 0.4
-"""Where an end is seen, in units of ``R |cos(axis, ray)|``. A sharp-edged face that looks away reaches to
-0.87 (the mean of ``sqrt(1 - t^2)`` over the five lanes), a rounded one to about half; the middle is taken
-and both are within the doubt."""
 DAMPING = 0.3
 LONGEST_STEP_PX = 3.0
 SEARCHED, MOST_SAMPLES = 2, 1024
@@ -74,39 +71,6 @@ def solve(matrix: Floats, right: Floats) -> None:
         for c in range(a + 1, 6):
             right[a] -= matrix[c, a] * right[c]
         right[a] /= matrix[a, a]
-
-
-@lean
-def cap_px(
-    p: Floats,
-    end: int,
-    view: int,
-    width: float,
-    fb: float,
-    focal: float,
-    baseline: float,
-    cx: float,
-    cy: float,
-) -> tuple[float, float]:
-    """How far beyond the axis' end its outline is seen, mean over the lanes, and how doubtful that is, px.
-
-    The end face is a disc across the axis, so its outline reaches ``R |cos|`` beyond its centre, cos between
-    axis and ray. Of a face that looks away the far rim is seen. Of one that looks towards the camera it
-    is the near rim where the face is dark and the far rim where it is bright: nobody knows which.
-    """
-    other = 3 - 3 * end
-    x, y, d = p[3 * end], p[3 * end + 1], p[3 * end + 2]
-    z = fb / d
-    zo = fb / p[other + 2]
-    px, py = (x - cx) * z / focal, (y - cy) * z / focal
-    ox, oy, oz = px - (p[other] - cx) * zo / focal, py - (p[other + 1] - cy) * zo / focal, z - zo
-    px -= view * baseline
-    size = np.sqrt(ox * ox + oy * oy + oz * oz) * np.sqrt(px * px + py * py + z * z)
-    away = (ox * px + oy * py + oz * z) / size
-    reach = 0.5 * width * abs(away)
-    if away > 0:
-        return CAP_AWAY * reach, CAP_DOUBT * reach
-    return 0.0, TOWARDS_DOUBT * reach
 
 
 @inlined
@@ -288,23 +252,12 @@ def refine(
                     ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
                     x, y = (xa, ya) if end == 0 else (xb, yb)
                     width = wide * p[3 * end + 2]
-                    off, lanes, _ = tip_offset(posts, taken, x, y, ox, oy, width, 3.5 if turn < 2 else 2.5)
-                    if lanes < 2:
-                        # a hidden end: the window says where it is, to a few pixels
-                        weight = 0.5 / (HIDDEN_SIGMA_PX * HIDDEN_SIGMA_PX)
-                        row[0], row[1], row[2] = ox, oy, -view * ox
-                        for a in range(3):
-                            for b in range(3):
-                                matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
-                        continue
-                    cap, doubt = cap_px(p, end, view, width, fb, focal, baseline, cx, cy)
-                    off -= cap
-                    weight = lanes / 5 / (TIP_SIGMA_PX * TIP_SIGMA_PX + doubt * doubt)
-                    row[0], row[1], row[2] = ox, oy, -view * ox
-                    for a in range(3):
-                        right[3 * end + a] += weight * row[a] * off
-                        for b in range(3):
-                            matrix[3 * end + a, 3 * end + b] += weight * row[a] * row[b]
+                    # looked for where it would be seen
+                    cap, doubt = cap_px(p, end, view, width, camera, False)
+                    off, lanes, _ = tip_offset(
+                        posts, taken, x + cap * ox, y + cap * oy, ox, oy, width, 3.5 if turn < 2 else 2.5
+                    )
+                    add_end(view, end, ox, oy, off, lanes, doubt, matrix, right)
             now = _length_and_slope(p, fb, focal, cx, cy, row)
             weight = 1 / (length_sigma * length) ** 2 if length > 0 else 0.0
             for a in range(6):

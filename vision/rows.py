@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import Edges, Ids, Signposts
+from vision.ends import cap_px
 from vision.explain import Explanation, Frame
 from vision.flank import Counts, tip_offset
 from vision.jit import lean
-from vision.refine import UNIT, cap_px
+from vision.refine import UNIT
 from vision.types import Floats, Ints
 
 LEAST_ENDS = 4
@@ -69,7 +70,6 @@ def _end_rows(
     posts: Signposts, free: Counts, camera: Floats, rows: Floats,
 ) -> None:  # fmt: skip
     """Row of every end in one view, from where its face and the line of its flanks are seen there."""
-    focal, baseline, cx, cy = camera[0], camera[1], camera[2], camera[3]
     table = posts.table
     for h in range(len(chosen)):
         k = chosen[h]
@@ -105,5 +105,5 @@ def _end_rows(
             off, lanes, _ = tip_offset(posts, free, x + aside * nx, y + aside * ny, ox, oy, width, REACH_PX)
             if lanes < LANES:
                 continue
-            cap, _ = cap_px(p, end, view, width, focal * baseline, focal, baseline, cx, cy)
+            cap, _ = cap_px(p, end, view, width, camera, False)
             rows[h, end] = y + aside * ny + (off - cap) * oy

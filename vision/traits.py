@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vision.edges import SAME_WAY, Edges, Ids, Reals, Signposts
+from vision.ends import LANE_WIDTHS, LANES, cap_px
 from vision.flank import Counts, nearest_edge
 from vision.jit import lean
 from vision.refine import UNIT
@@ -19,7 +20,6 @@ TIP_REACH_PX, TIP_SIGMA_PX = 2.0, 1.2
 CLAIM_PX = 1.5
 INNER = 0.75
 """Where, in half widths from the axis, a part without a flank must still stand out of the background."""
-LANES = 5
 BEYOND = 10
 """How many px beyond an end are searched for flanks that go on."""
 
@@ -46,8 +46,11 @@ class Traits:
     beyond_edge: Ids
 
 
-def traits(hypotheses: Floats, left: Edges, right: Edges, longest_px: float) -> Traits:
-    """Read both pictures along hypotheses (N, `COLUMNS`), none longer than ``longest_px`` in a picture."""
+def traits(hypotheses: Floats, left: Edges, right: Edges, camera: Floats, longest_px: float) -> Traits:
+    """Read both pictures along hypotheses (N, `COLUMNS`), none longer than ``longest_px`` in a picture.
+
+    ``camera`` (4,) focal px, baseline m, principal point px.
+    """
     count, samples = len(hypotheses), int(longest_px / SAMPLE_PX) + 2
     found = Traits(
         count=np.zeros((count, 2), np.int32),
@@ -63,7 +66,7 @@ def traits(hypotheses: Floats, left: Edges, right: Edges, longest_px: float) -> 
     )
     for view, seen in ((0, left), (1, right)):
         free = np.zeros(len(seen.table) + 1, np.uint16)
-        _read(hypotheses, view, seen.posts, seen.ground, free,
+        _read(hypotheses, view, camera, seen.posts, seen.ground, free,
               found.count, found.ends, found.width, found.value, found.edge, found.ground,
               found.tip_value, found.tip_edge, found.beyond_value, found.beyond_edge)  # fmt: skip
     return found
@@ -83,8 +86,8 @@ def joined(first: Traits, second: Traits) -> Traits:
 
 @lean
 def _read(
-    hypotheses: Floats, view: int, posts: Signposts, ground: npt.NDArray[np.uint8], free: Counts,
-    count: npt.NDArray[np.int32], ends: Floats, widths: Floats, value: Reals, edge: Ids,
+    hypotheses: Floats, view: int, camera: Floats, posts: Signposts, ground: npt.NDArray[np.uint8],
+    free: Counts, count: npt.NDArray[np.int32], ends: Floats, widths: Floats, value: Reals, edge: Ids,
     inside: npt.NDArray[np.uint8], tip_value: Reals, tip_edge: Ids, beyond_value: Reals, beyond_edge: Ids,
 ) -> None:  # fmt: skip
     table = posts.table
@@ -138,9 +141,12 @@ def _read(
             ox, oy = (-ux, -uy) if end == 0 else (ux, uy)
             x, y = (xa, ya) if end == 0 else (xb, yb)
             width = unit * p[3 * end + 2]
+            cap, _ = cap_px(p, end, view, width, camera, False)
             for lane in range(LANES):
-                aside = (lane - 2) * 0.17 * width
-                e, off = nearest_edge(posts, free, x - oy * aside, y + ox * aside, -ox, -oy, TIP_REACH_PX)
+                aside = (lane - 2) * LANE_WIDTHS * width
+                e, off = nearest_edge(
+                    posts, free, x + cap * ox - oy * aside, y + cap * oy + ox * aside, -ox, -oy, TIP_REACH_PX
+                )
                 tip_edge[h, view, end, lane] = e
                 if e >= 0:
                     tip_value[h, view, end, lane] = table[e, 4] * np.exp(-0.5 * (off / TIP_SIGMA_PX) ** 2)

@@ -15,6 +15,7 @@ from vision.baseline import MOST, NEAR_BASELINE, SLANTS, STEEPEST, TILT_LENGTHS,
 from vision.canvas import Canvas
 from vision.edges import Reals
 from vision.jit import compiled, inlined, lean
+from vision.neighbours import cells_of, row_of_cells
 from vision.proposals import Lines
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, UNIT, XA, XB, YA, YB
 from vision.types import Floats, Ints
@@ -29,6 +30,8 @@ BEYOND_WIDTHS = 2.5
 """What an end is worth, how far beyond it evidence must not continue."""
 BEATEN = 0.45
 """A hypothesis with a smaller share of the evidence of another in its place is not looked at further."""
+SAME_WIDTHS, SAME_LENGTHS = 0.7, 0.3
+"""How far aside and beyond the ends of another a hypothesis lies in its place."""
 MOST_SQUARES = 400
 """Squares of the picture along either side in which hypotheses are sought that are one before them."""
 
@@ -73,82 +76,103 @@ def distinct(found: Floats, near_px: float) -> Ints:
     squares of the picture are compared.
     """
     rows = len(found)
-    kept = np.empty(rows, np.int64)
+    kept, is_kept = np.empty(rows, np.int64), np.zeros(rows, np.bool_)
     if rows == 0:
         return kept
-    low_x, low_y, high_x, high_y = 1e9, 1e9, -1e9, -1e9
-    for row in range(rows):
-        x, y = found[row, XA] + found[row, XB], found[row, YA] + found[row, YB]
-        low_x, high_x = min(low_x, x), max(high_x, x)
-        low_y, high_y = min(low_y, y), max(high_y, y)
-    # squares of twice the middles
-    side = max(2.0 * near_px + 1e-6, (high_x - low_x) / MOST_SQUARES, (high_y - low_y) / MOST_SQUARES)
-    across, down = int((high_x - low_x) / side) + 3, int((high_y - low_y) / side) + 3
-    head = np.full((down, across), -1, np.int32)
-    following = np.empty(rows, np.int32)
+    middle = _middles(found)
+    span = max(np.ptp(middle[:, 0]), np.ptp(middle[:, 1]))
+    cells = cells_of(middle, max(near_px + 1e-6, span / MOST_SQUARES))
     count = 0
     for row in range(rows):
-        i = int((found[row, XA] + found[row, XB] - low_x) / side) + 1
-        j = int((found[row, YA] + found[row, YB] - low_y) / side) + 1
         double = False
-        for square in range(9):
-            other = head[j + square // 3 - 1, i + square % 3 - 1]
-            while other >= 0 and not double:
+        for turn in range(3):
+            first, last = row_of_cells(cells, row, turn)
+            for q in range(first, last):
+                other = cells.members[q]
+                if not is_kept[other]:
+                    continue
                 same, turned = 0.0, 0.0
                 for n in range(3):
                     same = max(same, abs(found[row, 1 + n] - found[other, 1 + n]))
                     same = max(same, abs(found[row, 4 + n] - found[other, 4 + n]))
                     turned = max(turned, abs(found[row, 1 + n] - found[other, 4 + n]))
                     turned = max(turned, abs(found[row, 4 + n] - found[other, 1 + n]))
-                double = min(same, turned) < near_px
-                other = following[other]
+                if min(same, turned) < near_px:
+                    double = True
+                    break
             if double:
                 break
         if not double:
+            is_kept[row] = True
             kept[count] = row
             count += 1
-            following[row] = head[j, i]
-            head[j, i] = row
     return kept[:count]
+
+
+@compiled
+def _middles(found: Floats) -> Floats:
+    """(N, 2) of hypotheses in the left picture."""
+    middle = np.empty((len(found), 2))
+    for row in range(len(found)):
+        middle[row, 0] = 0.5 * (found[row, XA] + found[row, XB])
+        middle[row, 1] = 0.5 * (found[row, YA] + found[row, YB])
+    return middle
 
 
 @compiled
 def outstanding(found: Floats, width_px: float, length_px: float) -> Ints:
     """Rows of sorted hypotheses that no much better one of the same kind shows the place of, in both
     pictures."""
+    longest = 1.0
+    for row in range(len(found)):
+        longest = max(longest, np.hypot(found[row, XB] - found[row, XA], found[row, YB] - found[row, YA]))
+    # the middle of what shows the same place lies on the better one
+    cells = cells_of(_middles(found), 0.5 * longest + SAME_LENGTHS * length_px + SAME_WIDTHS * width_px)
+    is_kept = np.zeros(len(found), np.bool_)
     kept = np.empty(len(found), np.int64)
     count = 0
     for row in range(len(found)):
         beaten = False
-        for q in range(count):
-            k = kept[q]
-            if found[k, KIND] != found[row, KIND] or found[row, SCORE] > BEATEN * found[k, SCORE]:
-                continue
-            same = True
-            for view in range(2):
-                xa, ya = found[k, XA] - view * found[k, DA], found[k, YA]
-                dx, dy = found[k, XB] - view * found[k, DB] - xa, found[k, YB] - ya
-                size = np.hypot(dx, dy)
-                ux, uy = dx / size, dy / size
-                for end in range(2):
-                    px = found[row, 1 + 3 * end] - view * found[row, 3 + 3 * end] - xa
-                    py = found[row, 2 + 3 * end] - ya
-                    along = px * ux + py * uy
-                    if (
-                        abs(-px * uy + py * ux) > 0.7 * width_px
-                        or along < -0.3 * length_px
-                        or along > size + 0.3 * length_px
-                    ):
-                        same = False
-                if not same:
+        for turn in range(3):
+            first, last = row_of_cells(cells, row, turn)
+            for q in range(first, last):
+                k = cells.members[q]
+                if (
+                    is_kept[k]
+                    and found[k, KIND] == found[row, KIND]
+                    and found[row, SCORE] <= BEATEN * found[k, SCORE]
+                    and _shows(found, k, row, width_px, length_px)
+                ):
+                    beaten = True
                     break
-            if same:
-                beaten = True
+            if beaten:
                 break
         if not beaten:
+            is_kept[row] = True
             kept[count] = row
             count += 1
     return kept[:count]
+
+
+@lean
+def _shows(found: Floats, k: int, row: int, width_px: float, length_px: float) -> bool:
+    """Whether one hypothesis shows the place of another in both pictures."""
+    for view in range(2):
+        xa, ya = found[k, XA] - view * found[k, DA], found[k, YA]
+        dx, dy = found[k, XB] - view * found[k, DB] - xa, found[k, YB] - ya
+        size = np.hypot(dx, dy)
+        ux, uy = dx / size, dy / size
+        for end in range(2):
+            px = found[row, 1 + 3 * end] - view * found[row, 3 + 3 * end] - xa
+            py = found[row, 2 + 3 * end] - ya
+            along = px * ux + py * uy
+            if (
+                abs(-px * uy + py * ux) > SAME_WIDTHS * width_px
+                or along < -SAME_LENGTHS * length_px
+                or along > size + SAME_LENGTHS * length_px
+            ):
+                return False
+    return True
 
 
 @compiled

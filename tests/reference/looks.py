@@ -11,11 +11,11 @@ from tests.reference.sticks import TABLE, Stick, pair, rig
 from vision import claims
 from vision.canvas import in_space, on_canvas
 from vision.default import LINE_SLACK_PX, frame_of
-from vision.edges import Edges, edges
+from vision.edges import Edges, edges, signposts
 from vision.explain import Explanation, Frame, explain
 from vision.foreground import stands_out
 from vision.proposals import lines
-from vision.refine import COLUMNS, LENGTH, UNIT
+from vision.refine import COLUMNS, DA, DB, LENGTH, UNIT, XA, XB, YA, YB
 from vision.strays import strays
 from vision.traits import traits
 from vision.types import PartModel, Tuning
@@ -75,7 +75,7 @@ def state_of(rows: Floats, pictures: Seen, of: Frame) -> claims.State:
     """A fresh state of the choice over hypotheses, none of which gains or loses for itself."""
     return claims.state(
         rows,
-        traits(rows, pictures.left, pictures.right, 2.8 * of.length_px),
+        traits(rows, pictures.left, pictures.right, of.camera, 2.8 * of.length_px),
         pictures.left,
         pictures.right,
         in_space(rows[:, 1:7].reshape(-1, 2, 3), of.on),
@@ -105,6 +105,51 @@ def pool_of(pictures: Seen, of: Frame) -> Floats:
 def explained(pictures: Seen, of: Frame) -> Explanation:
     """The set of parts that explains the pictures."""
     return explain(pool_of(pictures, of), pictures.left, pictures.right, of)
+
+
+def outlined(
+    row: Floats,
+    of: Frame,
+    beyond_px: Floats,
+    moved_px: tuple[float, float] = (0.0, 0.0),
+    row_shift_px: float = 0.0,
+    scatter_px: float = 0.0,
+    random: np.random.Generator | None = None,
+) -> Seen:
+    """Edges of one part (`COLUMNS`,) put down one by one: flanks and straight ends.
+
+    ``beyond_px`` (2, 2) how far beyond its axis an end is seen, by view and end; ``moved_px`` how far all
+    edges of a view are off along the normal; ``row_shift_px`` the rows of the right picture; ``scatter_px``
+    of each flank.
+    """
+    views = []
+    for view in range(2):
+        start = np.array([row[XA] - view * row[DA], row[YA]])
+        way = np.array([row[XB] - view * row[DB], row[YB]]) - start
+        size = float(np.linalg.norm(way))
+        along = way / size
+        normal = np.array([-along[1], along[0]])
+        aside = moved_px[view] * normal + view * np.array([0.0, row_shift_px])
+        edges = []
+        for step in range(int(size)):
+            share = (step + 0.5) / int(size)
+            half = 0.5 * row[UNIT] * (row[DA] + share * (row[DB] - row[DA]))
+            for sign in (-1.0, 1.0):
+                off = sign * half + (0.0 if random is None else random.normal(0, scatter_px))
+                edges.append([*(start + share * way + off * normal + aside), *(-sign * normal), 1.0])
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            width = row[UNIT] * row[DA + 3 * end]
+            for lane in np.arange(-0.5 * width, 0.51 * width, 0.7):
+                at = start + end * way + sign * beyond_px[view, end] * along + lane * normal + aside
+                edges.append([*at, *(-sign * along), 1.0])
+        table = np.array(edges, np.float32)
+        named = np.full((of.on.height_px, of.on.width_px), -1, np.int32)
+        for number, (x, y, *_) in enumerate(edges):
+            named[int(y + 0.5), int(x + 0.5)] = number
+        ground = np.ones(named.shape, np.uint8)
+        views.append(Edges(table=table, at=named, posts=signposts(table, named), ground=ground))
+    blank = np.zeros((4, 4), np.uint8)
+    return Seen(greys=(blank, blank), left=views[0], right=views[1])
 
 
 def worst_end_m(row: Floats, stick: Stick, of: Frame) -> float:

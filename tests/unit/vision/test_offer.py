@@ -149,6 +149,15 @@ def test_a_thread_whose_flanks_are_never_seen_together_is_refused() -> None:
     assert refused == Refused(reason=Refusal.FLANKS, value=0.0, limit=LEAST_BOTH, unit="1")
 
 
+def test_faint_edges_in_the_grain_beside_one_edge_are_no_second_flank() -> None:
+    value = ONE.seen.value.copy()
+    value[..., 1] = np.minimum(value[..., 1], 0.2)
+
+    refused = only(offer(found=replace(ONE, seen=replace(ONE.seen, value=value))))
+
+    assert refused == Refused(reason=Refusal.FLANKS, value=0.0, limit=LEAST_BOTH, unit="1")
+
+
 def test_a_part_that_leaves_the_picture_is_refused() -> None:
     ground = ONE.seen.ground.copy()
     steps = int(ONE.seen.count[ONE.chosen[0], 0])

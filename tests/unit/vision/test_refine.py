@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.reference.looks import Seen, drawn, frame, hypotheses, seen
-from tests.reference.sticks import Stick, lying, pair
+from tests.reference.looks import Seen, drawn, frame, hypotheses, outlined, seen
+from tests.reference.sticks import lying, pair
 from vision.canvas import in_space
-from vision.edges import Edges, signposts
+from vision.ends import TIP_SIGMA_PX, cap_px
 from vision.explain import settle
 from vision.refine import (
     DA,
@@ -16,14 +16,9 @@ from vision.refine import (
     FLANK_SIGMA_PX,
     LENGTH,
     ROW_SIGMA_PX,
-    TIP_SIGMA_PX,
     UNIT,
     XA,
-    XB,
-    YA,
-    YB,
     axis_length,
-    cap_px,
 )
 from vision.types import Floats
 
@@ -119,46 +114,18 @@ LAW_MIDDLE_PX = 0.1
 def scattered(row: Floats, random: np.random.Generator) -> Seen:
     """Edges of one part as the law behind the covariance has them: each flank scattered, each view moved as a
     whole, rows a little off, ends doubtful."""
-    focal, baseline, cx, cy = FRAME.camera
-    views = []
+    moved = (random.normal(0, LAW_MIDDLE_PX), random.normal(0, LAW_MIDDLE_PX))
+    beyond = np.zeros((2, 2))
     for view in range(2):
-        start = np.array([row[XA] - view * row[DA], row[YA]])
-        way = np.array([row[XB] - view * row[DB], row[YB]]) - start
-        size = float(np.linalg.norm(way))
-        along = way / size
-        normal = np.array([-along[1], along[0]])
-        aside = random.normal(0, LAW_MIDDLE_PX) * normal + view * np.array(
-            [0, random.normal(0, ROW_SIGMA_PX)]
-        )
-        edges = []
-        for step in range(int(size)):
-            share = (step + 0.5) / int(size)
-            half = 0.5 * row[UNIT] * (row[DA] + share * (row[DB] - row[DA]))
-            for sign in (-1.0, 1.0):
-                # the middle of two flanks scatters by FLANK_SIGMA_PX, so each of them by more
-                off = sign * half + random.normal(0, FLANK_SIGMA_PX * np.sqrt(2.0))
-                edges.append([*(start + share * way + off * normal + aside), *(-sign * normal), 1.0])
-        for end, sign in ((0, -1.0), (1, 1.0)):
-            width = row[UNIT] * row[DA + 3 * end]
-            cap, doubt = cap_px(row[1:7].copy(), end, view, width, focal * baseline, focal, baseline, cx, cy)
-            out = cap + random.normal(0, np.hypot(TIP_SIGMA_PX, doubt))
-            for lane in np.arange(-0.5 * width, 0.51 * width, 0.7):
-                at = start + end * way + sign * out * along + lane * normal + aside
-                edges.append([*at, *(-sign * along), 1.0])
-        table = np.array(edges, np.float32)
-        named = np.full((FRAME.on.height_px, FRAME.on.width_px), -1, np.int32)
-        for number, (x, y, *_) in enumerate(edges):
-            named[int(y + 0.5), int(x + 0.5)] = number
-        views.append(
-            Edges(
-                table=table,
-                at=named,
-                posts=signposts(table, named),
-                ground=np.ones(named.shape, np.uint8),
+        for end in range(2):
+            cap, doubt = cap_px(
+                row[1:7].copy(), end, view, row[UNIT] * row[DA + 3 * end], FRAME.camera, False
             )
-        )
-    blank = np.zeros((4, 4), np.uint8)
-    return Seen(greys=(blank, blank), left=views[0], right=views[1])
+            beyond[view, end] = cap + random.normal(0, np.hypot(TIP_SIGMA_PX, doubt))
+    # the middle of two flanks scatters by FLANK_SIGMA_PX, so each of them by more
+    return outlined(
+        row, FRAME, beyond, moved, random.normal(0, ROW_SIGMA_PX), FLANK_SIGMA_PX * np.sqrt(2.0), random
+    )
 
 
 @pytest.mark.parametrize("angle_deg", [40, 90, 120])
@@ -189,46 +156,3 @@ def test_the_length_of_an_axis_is_its_length_in_space() -> None:
     focal, baseline, cx, cy = FRAME.camera
 
     assert axis_length(rows[0, 1:7].copy(), focal * baseline, focal, cx, cy) == pytest.approx(0.1, abs=1e-12)
-
-
-def outline_beyond(stick: Stick, end: int, view: int) -> float:
-    """How far the far rim of an end face is seen beyond the axis, mean of five lanes, by brute force."""
-    on = FRAME.on
-    rotation = on.rect.rect_from_left
-    start, stop = rotation @ stick.start, rotation @ stick.end
-    here, other = (start, stop) if end == 0 else (stop, start)
-    centre = np.array([on.baseline_m, 0.0, 0.0]) if view else np.zeros(3)
-    axis = (here - other) / np.linalg.norm(here - other)
-    first = np.cross(axis, [0.3, 0.4, 0.5])
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    angle = np.linspace(0, 2 * np.pi, 4000)[:, None]
-    rim = here + stick.radius_m * (np.cos(angle) * first + np.sin(angle) * second) - centre
-    pixel = on.focal_px * rim[:, :2] / rim[:, 2:]
-    tip, far = (on.focal_px * (p - centre)[:2] / (p - centre)[2] for p in (here, other))
-    way = (tip - far) / np.linalg.norm(tip - far)
-    along, across = (pixel - tip) @ way, (pixel - tip) @ np.array([-way[1], way[0]])
-    width = float(np.ptp(across))
-    lanes = [along[np.abs(across - lane * 0.17 * width) < 0.02 * width].max() for lane in range(-2, 3)]
-    return float(np.mean(lanes))
-
-
-@pytest.mark.parametrize("tilt_deg", [-30, 0, 30])
-@pytest.mark.parametrize("view", [0, 1])
-def test_an_end_that_looks_away_is_seen_between_its_rounded_and_its_sharp_rim(
-    tilt_deg: int, view: int
-) -> None:
-    stick = lying(0.03, 0.02, 30, height_m=0.03, tilt_deg=tilt_deg)
-    row = hypotheses([stick], FRAME)[0]
-    focal, baseline, cx, cy = FRAME.camera
-
-    for end in range(2):
-        width = FRAME.unit * row[3 + 3 * end]
-        cap, doubt = cap_px(row[1:7].copy(), end, view, width, focal * baseline, focal, baseline, cx, cy)
-        sharp = outline_beyond(stick, end, view)
-        if cap > 0:
-            assert cap - doubt - 0.05 < 0.5 / 0.87 * sharp < cap + doubt + 0.05
-            assert cap - doubt - 0.05 < sharp < cap + doubt + 0.05
-        else:
-            # it looks towards the camera: its rim is seen at either side of the axis' end
-            assert doubt == pytest.approx(0.4 / 0.87 * sharp, abs=0.06)

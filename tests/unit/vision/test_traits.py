@@ -16,7 +16,7 @@ PICTURES = drawn([STICK], FRAME)
 
 
 def read(rows: Floats, of: Seen = PICTURES) -> Traits:
-    return traits(rows, of.left, of.right, 2.8 * FRAME.length_px)
+    return traits(rows, of.left, of.right, FRAME.camera, 2.8 * FRAME.length_px)
 
 
 def test_a_stick_in_the_open_shows_both_flanks_both_ends_and_nothing_beyond() -> None:
