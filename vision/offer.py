@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -140,17 +141,33 @@ def candidates(
     )
 
 
-def _barely_seen(found: Explanation) -> Floats:
-    """(C,) doubt about parts of which too little is seen: perhaps one picture shows another part there, or
+class HowSeen(NamedTuple):
+    """Of C parts: ``blind`` one picture shows no end at all; ``lacking`` two or more of the four ends in both
+    pictures are not seen; ``half_seen`` a picture shows both flanks on less than half of it. All (C,)."""
+
+    blind: Bools
+    lacking: Bools
+    half_seen: Bools
+
+
+def how_seen(found: Explanation) -> HowSeen:
+    """Of which of the chosen parts too little is seen: perhaps one picture shows another part there, or
     something lies over it."""
     seen, rows = found.seen, found.chosen
     end = seen.tip_value[rows].mean(axis=3) >= SEEN_END
-    blind = ~end.any(axis=2).all(axis=1)
-    lacking = (~end).sum(axis=(1, 2)) >= 2
     both = (seen.value[rows] > 0).all(axis=3).sum(axis=2) / seen.count[rows]
-    half_seen = both.min(axis=1) < HALF_SEEN
-    doubt = np.where(blind, BLIND_WEIGHT, np.where(lacking, UNSEEN_WEIGHT, 0.0))
-    return np.asarray(doubt + HALF_SEEN_WEIGHT * half_seen, np.float64)
+    return HowSeen(
+        blind=~end.any(axis=2).all(axis=1),
+        lacking=(~end).sum(axis=(1, 2)) >= 2,
+        half_seen=both.min(axis=1) < HALF_SEEN,
+    )
+
+
+def _barely_seen(found: Explanation) -> Floats:
+    """(C,) doubt about parts of which too little is seen."""
+    of = how_seen(found)
+    doubt = np.where(of.blind, BLIND_WEIGHT, np.where(of.lacking, UNSEEN_WEIGHT, 0.0))
+    return np.asarray(doubt + HALF_SEEN_WEIGHT * of.half_seen, np.float64)
 
 
 def _seen(

@@ -38,8 +38,9 @@ class Measured:
     ``strain`` (C,) how many times larger it is where flanks contradict each other; ``bow_px`` (C,) how far
     the middle is off the line through the ends, the straighter view; ``free_length_m`` (C,) length as its
     ends alone have it, NaN where they are not all seen; ``goes_on`` (C,) share of the way just beyond an
-    unseen end on which both flanks are seen in both pictures; ``gamma``, ``blur`` of the cameras as the
-    profiles have them."""
+    unseen end on which both flanks are seen in both pictures; ``missed`` (C, 2) by which share of contrast a
+    round rod misses the profile of a part in either view, NaN where it was not read; ``gamma``, ``blur`` of
+    the cameras as the profiles have them."""
 
     parts: Floats
     covariance: Floats
@@ -47,6 +48,7 @@ class Measured:
     bow_px: Floats
     free_length_m: Floats
     goes_on: Floats
+    missed: Floats
     gamma: float
     blur: float
 
@@ -66,7 +68,7 @@ def polish(
     count, now, seen = len(chosen), found.state, found.seen
     edges = (left, right)
     flanks, own, bow = _flanks(parts, chosen, seen, (now.taken_l, now.taken_r), edges, frame)
-    shift, loose, gamma, blur = _shift(flanks, own, parts, chosen, seen, greys, row_shift_px, frame)
+    shift, loose, missed, gamma, blur = _shift(flanks, own, parts, chosen, seen, greys, row_shift_px, frame)
     covariance, strain = np.zeros((count, 6, 6)), np.ones(count)
     free, goes_on = parts.copy(), np.zeros(count)
     ends_seen = (seen.tip_value[chosen].mean(axis=3) > SEEN).all(axis=(1, 2))
@@ -85,6 +87,7 @@ def polish(
         bow_px=bow,
         free_length_m=np.where(ends_seen, _length_m(free, frame), np.nan),
         goes_on=goes_on,
+        missed=missed,
         gamma=gamma,
         blur=blur,
     )
@@ -286,13 +289,15 @@ def _shift(
     greys: tuple[Grey, Grey],
     row_shift_px: float,
     frame: Frame,
-) -> tuple[Floats, Floats, float, float]:
-    """Where light shifts the flanks to, (C, 2, 2) px; how sure that is (C, 2) px; gamma and blur."""
+) -> tuple[Floats, Floats, Floats, float, float]:
+    """Where light shifts the flanks to, (C, 2, 2) px; how sure that is (C, 2) px; by how much a rod misses
+    the profiles (C, 2); gamma and blur."""
     count = len(parts)
     unsure = np.full((count, 2), UNSHADED_SIGMA_PX)
     good = flanks.stations >= shading.LEAST_STATIONS
     if not good.any():
-        return np.zeros((count, 2, 2)), unsure, shading.GAMMAS[0], shading.BLURS[0]
+        unread = np.full((count, 2), np.nan)
+        return np.zeros((count, 2, 2)), unsure, unread, shading.GAMMAS[0], shading.BLURS[0]
     near, far = 0.5 * frame.unit * parts[:, 3], 0.5 * frame.unit * parts[:, 6]
     ends, steps = seen.ends[chosen], seen.count[chosen]
 
@@ -327,4 +332,4 @@ def _shift(
     )
     limit = shading.LARGEST_RADII * radius[:, None, None]
     loose = np.where(sound, np.hypot(SHADED_SIGMA_PX, shading.MISS_RADII * left * radius[:, None]), unsure)
-    return np.clip(shift, -limit, limit), loose, shading.GAMMAS[kind], blur
+    return np.clip(shift, -limit, limit), loose, np.where(good, left, np.nan), shading.GAMMAS[kind], blur
