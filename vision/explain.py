@@ -8,14 +8,15 @@ nobody else claims, from several places near by, and the set is chosen anew.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from vision import choice, claims
 from vision.canvas import Canvas, in_space
-from vision.edges import Edges, Signposts
+from vision.edges import Edges, Reals, Signposts
 from vision.flank import Counts
-from vision.jit import compiled
+from vision.jit import compiled, lean
 from vision.refine import COLUMNS, DA, DB, KIND, LENGTH, SCORE, XA, XB, YA, YB, refine
 from vision.traits import Traits, joined, some, traits
 from vision.types import Bools, Floats, PartModel
@@ -29,7 +30,12 @@ SAME_PX = 0.6
 ROUNDS = 2
 DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 """Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
-NUDGE_PX = 2.0
+NUDGE_PX, SLIDES_PX = 2.0, (-12.0, -6.0, -3.0, 3.0, 6.0, 12.0)
+PLAIN_END = 0.6
+FLAT, END_STEPS_PX = 0.2, (-6.0, -3.0, 3.0, 6.0)
+"""Places from which a chosen part is tried anew: tilted a little; slid along itself, where not all its ends
+are seen as strongly as the third; and where it lies along the baseline, by the sine of the angle to it, so
+that only its ends tell how high it lies, with either end or both moved in one picture. See decision 13."""
 PLAIN_LENGTHS = 1.05
 """A part with more evidence of its own is not tried anew from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
@@ -175,29 +181,51 @@ def state_of(
 def _on_own_edges(
     hypotheses: Floats, chosen: Bools, now: claims.State, left: Edges, right: Edges, frame: Frame
 ) -> Floats:
-    """Every chosen part refined on the edges that no other claims, from five places; what is plain to see
-    is left as it is."""
-    nudges = [[0.0] * 6]
-    for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
-        nudges.append([a * NUDGE_PX / 2, 0, a * NUDGE_PX, b * NUDGE_PX / 2, 0, b * NUDGE_PX])
-    moves = np.array(nudges)
+    """Every chosen part refined on the edges that no other claims, from many places; what is plain to see is
+    left as it is."""
+    moves, usual = _moves()
     found = _refined(
-        hypotheses, chosen, moves, PLAIN_LENGTHS * 2 * frame.length_px, now, left.posts, right.posts,
+        hypotheses, chosen, moves, usual, PLAIN_LENGTHS * 2 * frame.length_px, now, left.posts, right.posts,
         frame.camera, frame.level, frame.unit, frame.diameter_d / frame.part.diameter_m,
         np.zeros((len(moves), 2, 2)), np.full((len(moves), 2), UNSHADED_SIGMA_PX),
     )  # fmt: skip
     return np.asarray(found[sound(found, frame)], np.float64)
 
 
+@lru_cache(maxsize=1)
+def _moves() -> tuple[Floats, int]:
+    """(M, 7) px by which a part is moved: x, y, d of both ends, and along itself; how many of them, the first
+    ones, are for every part, the others for parts along the baseline."""
+    tilts = [[0.0] * 7]
+    for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
+        tilts.append([a * NUDGE_PX / 2, 0, a * NUDGE_PX, b * NUDGE_PX / 2, 0, b * NUDGE_PX, 0])
+    slides = [[0.0] * 6 + [by] for by in SLIDES_PX]
+    ends = []
+    for first, last in ((1, 0), (0, 1), (1, 1)):
+        for by in END_STEPS_PX:
+            # an end is at x - d in the right picture: there it stays if x and d move, else it moves there only
+            ends += [[first * x, 0, first * by, last * x, 0, last * by, 0] for x in (0.0, by)]
+    return np.array(tilts + slides + ends), len(tilts) + len(slides)
+
+
+@lean
+def _plain_ends(tip_value: Reals) -> bool:
+    """Whether both pictures show both ends (2, 2, `LANES`) clearly."""
+    for view in range(2):
+        for end in range(2):
+            if tip_value[view, end].mean() < PLAIN_END:
+                return False
+    return True
+
+
 @compiled
 def _refined(
-    hypotheses: Floats, chosen: Bools, moves: Floats, plain: float, now: claims.State, left: Signposts,
-    right: Signposts, camera: Floats, level: Floats, unit: float, step_d: float, shift: Floats, bias: Floats,
+    hypotheses: Floats, chosen: Bools, moves: Floats, usual: int, plain: float, now: claims.State,
+    left: Signposts, right: Signposts, camera: Floats, level: Floats, unit: float, step_d: float,
+    shift: Floats, bias: Floats,
 ) -> Floats:  # fmt: skip
-    """(N, `COLUMNS`) the chosen parts that gain less than ``plain``, each from as many places as there are
-    ``moves`` (M, 6)."""
-    many = len(moves)
-    found = np.empty((many * chosen.sum(), COLUMNS))
+    """(N, `COLUMNS`) the chosen parts that gain less than ``plain``, each moved as `_moves` has it."""
+    found = np.empty((len(moves) * chosen.sum(), COLUMNS))
     nobody = np.zeros(len(chosen), np.bool_)
     count = 0
     for k in range(len(chosen)):
@@ -205,10 +233,17 @@ def _refined(
             continue
         claims.give_back(now, k)
         if claims.gain_of(k, now) <= plain:
+            way = hypotheses[k, XB : DB + 1] - hypotheses[k, XA : DA + 1]
+            size = np.hypot(way[0], way[1])
+            many = len(moves) if abs(way[1]) < FLAT * size else usual
+            if many == usual and _plain_ends(now.tip_value[k]):
+                many -= len(SLIDES_PX)
             near = found[count : count + many]
             for n in range(many):
                 near[n] = hypotheses[k]
-                near[n, 1:7] += moves[n]
+                near[n, 1:7] += moves[n, :6]
+                for end in range(2):
+                    near[n, 1 + 3 * end : 4 + 3 * end] += moves[n, 6] / size * way
             refine(
                 near, left, now.taken_l, right, now.taken_r, camera, level,
                 LENGTH_SIGMA_SHARE, unit, TILT_SHARE, step_d, 4, 3.0, shift, bias,
