@@ -1,10 +1,11 @@
 """One heap as a picture: how its parts lie, and how they were found.
 
 ``python -m bench.show FAMILY NUMBER --seed S --out FILE [--part P] [--zoom 6] [--rig webcam]``
+``python -m bench.show SCENE --scenes FOLDER --out FILE [--part P] [--zoom 6]``
 
-For heaps that `bench.first` or `bench.detector` name. Above the pictures of both cameras, below the same with
-lines: green how parts lie that were not found or were found wrong, red what was found wrong, blue what was
-found right. With a part, only what is about it is drawn.
+For heaps that `bench.first` or `bench.detector` name, or a scene of a folder. Above the pictures of both
+cameras, below the same with lines: green how parts lie that were not found or were found wrong, red what was
+found wrong, blue what was found right. With a part, only what is about it is drawn.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench import own, piles, rigs
-from bench.cases import Case
+from bench.cases import Case, of_folder
 from bench.looks import see
 from bench.rigs import RIGS
 from bench.scoring import answer_of, assign
@@ -91,22 +92,35 @@ def _near(ends: Floats, other: Floats) -> bool:
     return any(np.linalg.norm(one - other, axis=1).max() < limit for one in (ends, ends[::-1]))
 
 
+def heap(family: str, number: int, seed: int, rig: str) -> Case:
+    """A heap of our own renderer; ``number`` from 1."""
+    camera = RIGS[rig]
+    shot = piles.draw(family, camera, seed, number - 1)
+    return own.case_of(shot, rigs.known(camera), family, f"{family}-{number}", seed)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.show", description=__doc__)
-    parser.add_argument("family")
-    parser.add_argument("number", type=int, help="as bench.first prints it, from 1")
-    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("what", help="a family, or with --scenes the name of a scene")
+    parser.add_argument("number", type=int, nargs="?", help="of a heap, as bench.first prints it, from 1")
+    parser.add_argument("--seed", type=int, default=None)
+    parser.add_argument("--scenes", type=Path, default=None)
     parser.add_argument("--part", type=int, default=None, help="only what is about this true part, from 0")
     parser.add_argument("--zoom", type=int, default=6)
     parser.add_argument("--rig", choices=tuple(RIGS), default="webcam")
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
-    rig = RIGS[asked.rig]
-    shot = piles.draw(asked.family, rig, asked.seed, asked.number - 1)
-    name = f"{asked.family}-{asked.number}"
-    case = own.case_of(shot, rigs.known(rig), asked.family, name, asked.seed)
+    if asked.scenes is not None:
+        found = of_folder(asked.scenes, (asked.what,))
+        if not found:
+            parser.error(f"{asked.scenes} has no scene {asked.what}")
+        case = found[0]
+    elif asked.number is None or asked.seed is None:
+        parser.error("a heap needs its number and --seed; a scene needs --scenes")
+    else:
+        case = heap(asked.what, asked.number, asked.seed, asked.rig)
     if asked.part is not None and not 0 <= asked.part < len(case.truth.parts):
-        parser.error(f"--part {asked.part}: {name} has parts 0 to {len(case.truth.parts) - 1}")
+        parser.error(f"--part {asked.part}: {case.name} has parts 0 to {len(case.truth.parts) - 1}")
     if not cv2.imwrite(str(asked.out), picture(case, asked.part, asked.zoom)):
         parser.error(f"--out {asked.out}: cannot be written")
 

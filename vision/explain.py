@@ -37,7 +37,7 @@ FLAT, END_STEPS_PX = 0.2, (-6.0, -3.0, 3.0, 6.0)
 are seen as strongly as the third; and where it lies along the baseline, by the sine of the angle to it, so
 that only its ends tell how high it lies, with either end or both moved in one picture. See decision 13."""
 PLAIN_LENGTHS = 1.05
-"""A part with more evidence of its own is not tried anew from other places."""
+"""A part with more evidence of its own and all its ends is not tried anew from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
 STRAY_LENGTHS = 0.25
@@ -203,7 +203,7 @@ def _moves() -> tuple[Floats, int]:
     ends = []
     for first, last in ((1, 0), (0, 1), (1, 1)):
         for by in END_STEPS_PX:
-            # an end is at x - d in the right picture: there it stays if x and d move, else it moves there only
+            # the right picture shows an end at x - d: there it stays if both move, else it moves there only
             ends += [[first * x, 0, first * by, last * x, 0, last * by, 0] for x in (0.0, by)]
     return np.array(tilts + slides + ends), len(tilts) + len(slides)
 
@@ -224,7 +224,8 @@ def _refined(
     left: Signposts, right: Signposts, camera: Floats, level: Floats, unit: float, step_d: float,
     shift: Floats, bias: Floats,
 ) -> Floats:  # fmt: skip
-    """(N, `COLUMNS`) the chosen parts that gain less than ``plain``, each moved as `_moves` has it."""
+    """(N, `COLUMNS`) the chosen parts that gain less than ``plain`` or do not show all their ends, each moved
+    as `_moves` has it."""
     found = np.empty((len(moves) * chosen.sum(), COLUMNS))
     nobody = np.zeros(len(chosen), np.bool_)
     count = 0
@@ -232,11 +233,12 @@ def _refined(
         if not chosen[k]:
             continue
         claims.give_back(now, k)
-        if claims.gain_of(k, now) <= plain:
+        ends_plain = _plain_ends(now.tip_value[k])
+        if claims.gain_of(k, now) <= plain or not ends_plain:
             way = hypotheses[k, XB : DB + 1] - hypotheses[k, XA : DA + 1]
             size = np.hypot(way[0], way[1])
             many = len(moves) if abs(way[1]) < FLAT * size else usual
-            if many == usual and _plain_ends(now.tip_value[k]):
+            if many == usual and ends_plain:
                 many -= len(SLIDES_PX)
             near = found[count : count + many]
             for n in range(many):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.reference.looks import drawn, explained, frame, worst_end_m
+from tests.reference.looks import drawn, explained, frame, hypotheses, worst_end_m
 from tests.reference.sticks import Stick, lying
-from vision.refine import KIND
+from vision.explain import explain
+from vision.refine import DA, KIND, XA, XB
 
 FRAME = frame()
 RANDOM = np.random.default_rng(5)
@@ -78,3 +79,37 @@ def test_parallel_sticks_are_not_crossed_over(gap_m: float) -> None:
     assert len(rows) == 4
     for stick in sticks:
         assert min(worst_end_m(row, stick, FRAME) for row in rows) < 0.002
+
+
+ALONG = [lying(0.01, 0.0, 3.0, height_m=0.004)]
+ALONG_PICTURES = drawn(ALONG, FRAME)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("left_px", [0.0, 6.0])
+def test_along_the_baseline_an_end_taken_from_elsewhere_is_set_right(end: int, left_px: float) -> None:
+    """An end six pixels off in one picture is 20 mm of height, and out of reach of the edge that is there."""
+    rows = hypotheses(ALONG, FRAME)
+    rows[0, XA + 3 * end] += left_px
+    rows[0, DA + 3 * end] += 6.0
+    assert worst_end_m(rows[0], ALONG[0], FRAME) > 0.01
+
+    found = explain(rows, ALONG_PICTURES.left, ALONG_PICTURES.right, FRAME)
+
+    assert len(found.chosen) == 1
+    assert worst_end_m(found.hypotheses[found.chosen[0]], ALONG[0], FRAME) < 0.003
+
+
+@pytest.mark.parametrize("slid_px", [-11.0, 8.0])
+def test_a_part_that_was_slid_along_itself_is_set_right(slid_px: float) -> None:
+    stick = lying(0.0, 0.0, 60)
+    pictures = drawn([stick], FRAME)
+    rows = hypotheses([stick], FRAME)
+    way = rows[0, XB : XB + 3] - rows[0, XA : XA + 3]
+    for end in range(2):
+        rows[0, XA + 3 * end : XA + 3 * end + 3] += slid_px * way / float(np.hypot(way[0], way[1]))
+
+    found = explain(rows, pictures.left, pictures.right, FRAME)
+
+    assert len(found.chosen) == 1
+    assert worst_end_m(found.hypotheses[found.chosen[0]], stick, FRAME) < 0.002
