@@ -29,7 +29,7 @@ from cell.evaluate import STICK_TOLERANCE_M
 from vision.canvas import in_space, on_canvas
 from vision.crossings import BESIDE_HIGHER, Crossed, crossed, laid, meet, nearest
 from vision.default import frame_of, warm_up
-from vision.explain import Explanation, Frame
+from vision.explain import Explanation, Frame, along_baseline
 from vision.ghosts import below_ghosts
 from vision.locate import locate
 from vision.offer import how_seen
@@ -107,6 +107,7 @@ def _between(value: float, bounds: tuple[float, ...], unit: str = "") -> str:
 def _signs(one: Look, told: Told) -> None:
     """Parts over which nothing seems to lie: wrong if they are no part, or something lies on them."""
     seen, parts = how_seen(one.found), one.case.truth.parts
+    flat = along_baseline(one.measured.parts)
     haunted = below_ghosts(one.found, one.measured.parts, one.frame)
     for row, true in enumerate(one.true):
         if (one.over.above[:, row] > 0).any():
@@ -120,6 +121,8 @@ def _signs(one: Look, told: Told) -> None:
             "two or more of four ends not seen": seen.lacking[row] and not seen.blind[row],
             "one picture shows no end at all": seen.blind[row],
             "both flanks on less than half of it": seen.half_seen[row],
+            "along the baseline": flat[row],
+            "along the baseline, not all ends seen clearly": seen.flat[row],
             "something not chosen would lie on it": haunted[row],
         } | {
             f"flanks contradict each other, times {stretch}": _between(strain, STRAINS) == stretch

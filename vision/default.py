@@ -24,7 +24,7 @@ from vision.ghosts import below_ghosts
 from vision.glance import at_first_sight
 from vision.jit import steady
 from vision.memory import keep_freed
-from vision.offer import Offered, candidates, unexplained
+from vision.offer import STRAINED, Offered, candidates, how_seen, unexplained
 from vision.pieces import on_canvas_lines, straight_pieces
 from vision.polish import Measured, polish
 from vision.proposals import Lines, lines
@@ -274,12 +274,14 @@ def _first(
     measured = polish(best, left, right, greys, 0.0, frame)
     over = crossed(measured.parts, measured.covariance, best.chosen, best.state, frame)
     offered = candidates(measured, best, over, frame, tuning, table, colour, 0.0, sizes)
+    loose = how_seen(best).flat | (measured.strain > STRAINED)
     kept = tuple(
         candidate
         for candidate, row in zip(offered.candidates, offered.rows, strict=True)
         if candidate.offered
         and candidate.part_code == wanted
         and candidate.sigma_m < CERTAIN_DIAMETERS * part.diameter_m
+        and not loose[row]
         and not over.above[:, row].any()
         and not ((over.above[row] > 0) & (over.sure[row] < CERTAIN_ABOVE)).any()
     )

@@ -162,6 +162,12 @@ def sound(hypotheses: Floats, frame: Frame) -> Bools:
     return np.asarray(good, np.bool_)
 
 
+def along_baseline(hypotheses: Floats) -> Bools:
+    """(N,) whether only its ends tell how high a part lies."""
+    way = hypotheses[:, [XB, YB]] - hypotheses[:, [XA, YA]]
+    return np.asarray(np.abs(way[:, 1]) < FLAT * np.linalg.norm(way, axis=1), np.bool_)
+
+
 def state_of(
     hypotheses: Floats, seen: Traits, left: Edges, right: Edges, frame: Frame, related: bool
 ) -> claims.State:
