@@ -37,8 +37,8 @@ SEEN = 0.3
 """Least strength of a flank that is seen."""
 STEEPNESS, BESIDE_WEIGHT, LEAST_DOUBT = 2.5, 0.15, 0.05
 """How fast a wrong order becomes unlikely with standard deviations: of crossings up to 0.5 29 % were wrong,
-up to 1 8 %, up to 1.5 1.3 %, up to 2 0.4 %, beyond that none of 30,980 (`bench.doubts`, 360 heaps). What a part
-that may lie on one beside it weighs on it. Less than the last is no doubt."""
+up to 1 8 %, up to 1.5 1.3 %, up to 2 0.4 %, beyond that none of 30,980 (`bench.doubts`, 360 heaps). What a
+part that may lie on one beside it weighs on it. Less than the last is no doubt."""
 MIDDLE = (1.0 / 3.0, 2.0 / 3.0)
 
 Counts = npt.NDArray[np.int32]

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench import own, piles, rigs
+from bench.looks import see
+from bench.rigs import RIGS
+from bench.scoring import answer_of, score
 from tests.reference.looks import frame, pool_of, seen, worst_end_m
 from tests.reference.sticks import Stick, lying, pair
 from vision.glance import at_first_sight
@@ -80,3 +84,15 @@ def test_what_is_no_product_is_not_told() -> None:
 
     assert pool.shape[1] == COLUMNS
     assert at_first_sight(pool, pictures.left, pictures.right, FRAME) is None
+
+
+def test_along_the_baseline_nothing_is_certain_that_does_not_show_all_its_ends() -> None:
+    """A heap in which such a stick was told at first sight, six degrees wrong."""
+    webcam = RIGS["webcam"]
+    shot = piles.draw("H10", webcam, 20261209, 641)
+    case = own.case_of(shot, rigs.known(webcam), "H10", "H10-642", 20261209)
+
+    seen = see(case, "default")
+
+    assert seen.told is None
+    assert score(answer_of(seen.scene), case.truth).free

@@ -247,6 +247,35 @@ def test_more_evidence_is_never_a_lower_score(first: float, second: float) -> No
     assert 0.0 <= scores[0] <= scores[1] <= 1.0
 
 
+@pytest.mark.parametrize(("angle_deg", "strength", "doubt"), [(4, 0.4, 0.2), (4, 0.9, 0.0), (40, 0.4, 0.0)])
+def test_along_the_baseline_an_end_that_is_not_clear_is_in_doubt(
+    angle_deg: int, strength: float, doubt: float
+) -> None:
+    stick = [lying(0.0, 0.0, angle_deg)]
+    found = explained(drawn(stick, FRAME), FRAME)
+    tips = np.ones_like(found.seen.tip_value)
+    tips[found.chosen[0], 1, 0] = strength
+
+    assert _barely_seen(replace(found, seen=replace(found.seen, tip_value=tips))) == pytest.approx([doubt])
+
+
+@pytest.mark.parametrize(("strain", "first"), [(4.0, True), (6.0, False)])
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_part_whose_flanks_contradict_each_other_goes_later_though_as_well_known(
+    row: int, strain: float, first: bool
+) -> None:
+    pictures = drawn([lying(-0.03, 0.0, 60), lying(0.03, 0.0, 60)], FRAME)
+    found = explained(pictures, FRAME)
+    measured = polish(found, pictures.left, pictures.right, pictures.greys, 0.0, FRAME)
+    margin, strained = np.full(2, 1.0 * FRAME.length_px), np.ones(2)
+    margin[row], strained[row] = 1.5 * FRAME.length_px, strain
+    covariance = measured.covariance / strained[:, None, None]
+
+    offered = offer(replace(measured, strain=strained, covariance=covariance), replace(found, margin=margin))
+
+    assert (offered.rows[0] == row) is first
+
+
 @pytest.mark.parametrize(
     ("missing", "doubt"), [("ends", 0.3), ("two ends", 0.06), ("flanks", 0.3), ("one end", 0.0)]
 )
