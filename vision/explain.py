@@ -31,13 +31,13 @@ ROUNDS = 2
 DEEP_MARGIN, DEEP_TRIALS = 0.25, 60
 """Exchanges that lose up to this much at first are tried, in part lengths and view; how many of them."""
 NUDGE_PX, SLIDES_PX = 2.0, (-12.0, -6.0, -3.0, 3.0, 6.0, 12.0)
-PLAIN_END = 0.6
+PLAIN_END, WEAK_END = 0.6, 0.2
 FLAT, END_STEPS_PX = 0.2, (-6.0, -3.0, 3.0, 6.0)
 """Places from which a chosen part is tried anew: tilted a little; slid along itself, where not all its ends
-are seen as strongly as the third; and where it lies along the baseline, by the sine of the angle to it, so
+are clear; and where it lies along the baseline, by the sine of the angle to it, so
 that only its ends tell how high it lies, with either end or both moved in one picture. See decision 13."""
 PLAIN_LENGTHS = 1.05
-"""A part with more evidence of its own and all its ends is not tried anew from other places."""
+"""A part with more evidence of its own and no weak end is not tried anew from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
 STRAY_LENGTHS = 0.25
@@ -215,13 +215,13 @@ def _moves() -> tuple[Floats, int]:
 
 
 @lean
-def _plain_ends(tip_value: Reals) -> bool:
-    """Whether both pictures show both ends (2, 2, `LANES`) clearly."""
+def _weakest_end(tip_value: Reals) -> float:
+    """How strongly the worst of both ends is seen in the worse picture; (2, 2, `LANES`)."""
+    least = 1.0
     for view in range(2):
         for end in range(2):
-            if tip_value[view, end].mean() < PLAIN_END:
-                return False
-    return True
+            least = min(least, tip_value[view, end].mean())
+    return float(least)
 
 
 @compiled
@@ -230,8 +230,8 @@ def _refined(
     left: Signposts, right: Signposts, camera: Floats, level: Floats, unit: float, step_d: float,
     shift: Floats, bias: Floats,
 ) -> Floats:  # fmt: skip
-    """(N, `COLUMNS`) the chosen parts that gain less than ``plain`` or do not show all their ends, each moved
-    as `_moves` has it."""
+    """(N, `COLUMNS`) the chosen parts that gain less than ``plain`` or have a weak end, moved as `_moves` has
+    it."""
     found = np.empty((len(moves) * chosen.sum(), COLUMNS))
     nobody = np.zeros(len(chosen), np.bool_)
     count = 0
@@ -239,12 +239,12 @@ def _refined(
         if not chosen[k]:
             continue
         claims.give_back(now, k)
-        ends_plain = _plain_ends(now.tip_value[k])
-        if claims.gain_of(k, now) <= plain or not ends_plain:
+        weakest = _weakest_end(now.tip_value[k])
+        if claims.gain_of(k, now) <= plain or weakest < WEAK_END:
             way = hypotheses[k, XB : DB + 1] - hypotheses[k, XA : DA + 1]
             size = np.hypot(way[0], way[1])
             many = len(moves) if abs(way[1]) < FLAT * size else usual
-            if many == usual and ends_plain:
+            if many == usual and weakest >= PLAIN_END:
                 many -= len(SLIDES_PX)
             near = found[count : count + many]
             for n in range(many):
