@@ -34,10 +34,11 @@ NUDGE_PX, SLIDES_PX = 2.0, (-12.0, -6.0, -3.0, 3.0, 6.0, 12.0)
 PLAIN_END, WEAK_END = 0.6, 0.2
 FLAT, END_STEPS_PX = 0.2, (-6.0, -3.0, 3.0, 6.0)
 """Places from which a chosen part is tried anew: tilted a little; slid along itself, where not all its ends
-are clear; and where it lies along the baseline, by the sine of the angle to it, so
-that only its ends tell how high it lies, with either end or both moved in one picture. See decision 13."""
+are clear; and where it lies along the baseline, by the sine of the angle to it, so that only its ends tell
+how high it lies, with either end or both moved in one picture. See decision 13."""
 PLAIN_LENGTHS = 1.05
-"""A part with more evidence of its own and no weak end is not tried anew from other places."""
+"""A part with more evidence of its own and no weak end, along the baseline only clear ones, is not tried anew
+from other places."""
 TILT_COST, MOST_TILT_COST = 0.8, 0.2
 """Cost of tilt squared (rad), and its most, in part lengths and view."""
 STRAY_LENGTHS = 0.25
@@ -240,11 +241,12 @@ def _refined(
             continue
         claims.give_back(now, k)
         weakest = _weakest_end(now.tip_value[k])
-        if claims.gain_of(k, now) <= plain or weakest < WEAK_END:
-            way = hypotheses[k, XB : DB + 1] - hypotheses[k, XA : DA + 1]
-            size = np.hypot(way[0], way[1])
-            many = len(moves) if abs(way[1]) < FLAT * size else usual
-            if many == usual and weakest >= PLAIN_END:
+        way = hypotheses[k, XB : DB + 1] - hypotheses[k, XA : DA + 1]
+        size = np.hypot(way[0], way[1])
+        flat = abs(way[1]) < FLAT * size
+        if claims.gain_of(k, now) <= plain or weakest < (PLAIN_END if flat else WEAK_END):
+            many = len(moves) if flat else usual
+            if not flat and weakest >= PLAIN_END:
                 many -= len(SLIDES_PX)
             near = found[count : count + many]
             for n in range(many):
