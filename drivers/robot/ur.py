@@ -8,6 +8,7 @@ worker killed: it kicks the watchdog on the controller, so the arm stops 0.1 s l
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Final
 
 import structlog
@@ -83,16 +84,15 @@ class UrRobot:
         `recover` starts one.
         """
         self.close()
-        try:
+        with ExitStack() as undo:
+            undo.callback(self._end)
             wrong = [one.error for one in look(self._name, self._settings, self._clock, self._stream)]
             for error in wrong:
                 if error is not None and not isinstance(error, SafetyStop):
                     raise error
             if self._stream.latest().may_move:
                 self._start()
-        except BaseException:
-            self._end()
-            raise
+            undo.pop_all()
         self._opened = True
 
     def _start(self) -> None:

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final
 
@@ -96,14 +96,12 @@ class WorkerProcess:
         finally:
             theirs.close()
             os.close(memory)
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.close)
             ready = self._wait(0, START_S)
-        except BaseException:
-            self.close()
-            raise
-        if not ready.ok:
-            self.close()
-            raise CommandRejected(self._name, f"control program not started: {ready.detail}")
+            if not ready.ok:
+                raise CommandRejected(self._name, f"control program not started: {ready.detail}")
+            undo.pop_all()
 
     @property
     def alive(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
@@ -217,21 +218,19 @@ class UrStream:
         """
         self.close()
         connection = Connection(self._clock.now)
-        try:
-            connection.open(host, CONNECT_S)
-            self.version = connection.controller_version(CONNECT_S)
-            self._agree(connection)
-            connection.start(CONNECT_S)
-            self._first(connection)
-        except TimeoutError as error:
-            connection.close()
-            raise DeviceTimeout(self._name, f"RTDE at {host}: {error}") from error
-        except (OSError, RtdeError, struct.error) as error:
-            connection.close()
-            raise DeviceUnavailable(self._name, f"RTDE at {host}: {error}") from error
-        except BaseException:
-            connection.close()
-            raise
+        with ExitStack() as undo:
+            undo.callback(connection.close)
+            try:
+                connection.open(host, CONNECT_S)
+                self.version = connection.controller_version(CONNECT_S)
+                self._agree(connection)
+                connection.start(CONNECT_S)
+                self._first(connection)
+            except TimeoutError as error:
+                raise DeviceTimeout(self._name, f"RTDE at {host}: {error}") from error
+            except (OSError, RtdeError, struct.error) as error:
+                raise DeviceUnavailable(self._name, f"RTDE at {host}: {error}") from error
+            undo.pop_all()
         self._connection = connection
         self._ends.clear()
         self._thread = threading.Thread(

@@ -8,6 +8,7 @@ never taken for the next one; the next call connects anew.
 from __future__ import annotations
 
 import socket
+from contextlib import ExitStack
 from typing import NoReturn
 
 import numpy as np
@@ -59,11 +60,10 @@ class Link:
     def open(self) -> None:
         """Connect, or raise `DeviceUnavailable` (`CommandRejected` if the greeting is refused)."""
         self._opened = True
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.close)
             self._connect()
-        except BaseException:
-            self.close()
-            raise
+            undo.pop_all()
 
     def close(self) -> None:
         """Give the connection up; calls are refused until the next `open`."""

@@ -4,6 +4,7 @@ learns exactly which order was cut short."""
 from __future__ import annotations
 
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,8 @@ def _restart(config: Path, plc: HandPlc, cell: SimCell, cut_short: int) -> Daemo
     """Start anew; the PLC gets 42 for the order that was cut short, and nothing has moved."""
     before = _rest(cell)
     restarted = Daemon(config)
-    try:
+    with ExitStack() as undo:
+        undo.callback(restarted.end)
         # the PLC works on: its heartbeat counts, its registers still show the old order
         got = plc.result(cut_short, 30.0)
         assert got.result_code == INTERRUPTED
@@ -36,9 +38,7 @@ def _restart(config: Path, plc: HandPlc, cell: SimCell, cut_short: int) -> Daemo
         assert cell.count("motions") == before
         assert [row.seq for row in orders(config.parent)].count(cut_short) == 1
         assert plc.violations == []
-    except BaseException:
-        restarted.end()
-        raise
+        undo.pop_all()
     return restarted
 
 
